@@ -19,9 +19,9 @@ from makehuman_rigs import build, rigs
 from report import Report, Table, data_folder
 
 from perfcap.actor.template import Template
-from perfcap.app.actor_sheet import SHEET
 from perfcap.cli import main
 from perfcap.errors import InputError
+from perfcap.io.actor_place import SHEET
 from perfcap.io.gltf_read import load_template
 from perfcap.io.gltf_write import save_animation
 

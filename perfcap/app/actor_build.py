@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.measurements import Measurements
 from perfcap.app.actor_inspect import run_inspect
-from perfcap.app.actor_sheet import SHEET
 from perfcap.app.capture_folder import same_file
 from perfcap.app.console import PlainConsole
 from perfcap.app.measures import print_measures, save_measures
@@ -20,21 +20,15 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
-from perfcap.io.actor_folder import (
-    MANIFEST,
-    MESH,
-    UNKNOWN,
-    save_actor,
-    spare_actor,
-    spare_files,
-)
+from perfcap.io.actor_folder import UNKNOWN, save_actor, spare_actor
 from perfcap.io.actor_import import import_actor, read_mapping, require_sound
 from perfcap.io.actor_layers import layer_findings
+from perfcap.io.actor_place import BESIDE, MANIFEST, MESH, spare_files
 from perfcap.io.body_model import load_body_model
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.mesh import FORMATS, read_mesh
-from perfcap.io.result_folder import MEASURES
+from perfcap.io.result_folder import BODY
 from perfcap.pipeline.appearance import Appearance
 from perfcap.rigging import Person, RigReport, auto_rig, build_body, read_overrides
 
@@ -170,27 +164,42 @@ def run_build(request: ActorBuild) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
-    _spare_inputs(request)
-    spare_files(request.out, (SHEET, MEASURES))
+    read = (request.source, request.mapping, request.overrides)
+    spare_sources(request.out, request.body_model, [path for path in read if path is not None])
+    spare_files(request.out)
     actor, licence, provenance, measurements = _made(request, _person(request))
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
     spare_actor(request.out, actor.template.name)
     Appearance.of(actor.template)  # whether the texture can be decoded, before anything is written
-    save_actor(actor, request.out, licence=request.licence or licence, provenance=provenance)
-    if measurements is not None:
-        save_measures(request.out, measurements, None, provenance)
+
+    def beside(folder: Path) -> None:
+        if measurements is not None:
+            save_measures(folder, measurements, None, provenance)
+
+    rights = request.licence or licence
+    save_actor(actor, request.out, licence=rights, provenance=provenance, beside=beside)
     code = run_inspect(str(request.out), None, request.out)
     PlainConsole().print(f"capture with --actor {request.out}", soft_wrap=True)
     return code
 
 
-def _spare_inputs(request: ActorBuild) -> None:
-    for path in (request.source, request.mapping, request.overrides):
-        for name in (MESH, MANIFEST, SHEET):
-            if path is not None and same_file(path, request.out / name):
+def spare_sources(folder: Path, body_model: str, paths: Iterable[Path] = ()) -> None:
+    """Refuse a folder of an actor in which what it is made of would be replaced or removed.
+
+    Args:
+        folder: of the actor.
+        body_model: name, file or folder of the body model.
+        paths: files that are read besides.
+
+    Raises:
+        InputError: an input has the place of a file of an actor.
+    """
+    for path in (*paths, Path(body_model), Path(body_model) / BODY):
+        for name in (MESH, MANIFEST, *BESIDE):
+            if same_file(path, folder / name):
                 raise InputError(
-                    f"--out {request.out}: {name} of the actor would replace the input {path}; "
+                    f"--out {folder}: {name} of the actor would replace the input {path}; "
                     "choose another folder"
                 )
 

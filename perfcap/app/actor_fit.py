@@ -8,20 +8,20 @@ from dataclasses import replace
 import torch
 
 from perfcap.actor.actor import Actor
+from perfcap.app.actor_build import spare_sources
 from perfcap.app.actor_inspect import run_inspect
-from perfcap.app.actor_sheet import SHEET
 from perfcap.app.capture_checks import examined, told
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import read_inputs
 from perfcap.app.masked_frames import order_doubts
 from perfcap.app.measures import print_measures
-from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
+from perfcap.app.personal_body import BodyRequest, find_body
 from perfcap.app.project import in_project
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
-from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor, spare_files
+from perfcap.io.actor_folder import save_actor, spare_actor
+from perfcap.io.actor_place import FIT_SHEET, MANIFEST, spare_files
 from perfcap.io.mask_files import MaskFolders
-from perfcap.io.result_folder import BODY, MEASURES
 from perfcap.rigging import Person
 
 _LOG = logging.getLogger(__name__)
@@ -57,8 +57,13 @@ def run_fit(request: ActorFit) -> int:
     template = replace(body.template, name=request.name or request.out.name).rounded()
     licence = body.model.rig.licence
     spare_actor(request.out, template.name)
-    save_actor(Actor(template), request.out, licence=licence, provenance=body.source)
-    body.save(request.out, FIT_SHEET)
+    save_actor(
+        Actor(template),
+        request.out,
+        licence=licence,
+        provenance=body.source,
+        beside=lambda folder: body.save(folder, FIT_SHEET),
+    )
     code = run_inspect(str(request.out), None, request.out)
     print_measures(body.fit.measurements, body.fit.deviations)
     for line in body.doubts():
@@ -72,7 +77,8 @@ def run_fit(request: ActorFit) -> int:
 def _check(request: ActorFit) -> None:
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
-    spare_files(request.out, (SHEET, BODY, MEASURES, FIT_SHEET))
+    spare_sources(request.out, request.body_model)
+    spare_files(request.out)
     if request.masks and request.evidence != "silhouettes":
         raise InputError(
             f"--masks: are given with --from {request.evidence}; leave one of them out"

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from perfcap.app.actor_sheet import SHEET, save_sheet
+from perfcap.app.actor_sheet import save_sheet
 from perfcap.app.console import PlainConsole
 from perfcap.app.doctor import COLORS
 from perfcap.io.actor import Examination, examine
+from perfcap.io.actor_place import SHEET
 from perfcap.io.atomic import unwritable
 from perfcap.io.doctor import Severity
 from perfcap.io.image_file import image_size

@@ -27,7 +27,6 @@ from perfcap.render.texture import to_srgb
 
 Image = NDArray[np.uint8]
 
-SHEET = "contact_sheet.jpg"
 _LARGE, _SMALL = 480, 320  # px, sides of the pictures of the rows of four and of six
 _CLOSER = 1.15  # the orbiting camera leaves room that a rest pose does not need
 _VIEWS = ("front", "its left", "back", "its right")

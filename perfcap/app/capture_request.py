@@ -28,7 +28,7 @@ from perfcap.app.networks import (
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
-from perfcap.io.actor_folder import MANIFEST
+from perfcap.io.actor_place import MANIFEST
 from perfcap.io.calibration import files_beside
 from perfcap.io.detections.yolo_txt import LABELS
 from perfcap.io.gltf_document import companions

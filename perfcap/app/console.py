@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -32,6 +33,12 @@ class PlainConsole(Console):
         """Also cells of tables come through here."""
         options |= {"markup": False, "emoji": False, "highlight": False}
         return super().render_str(printable(text, keep="\n"), **options)
+
+
+def print_written(path: Path, replaced: bool = False) -> None:
+    """Name a file that was written; say so where an older one, which may be the user's, went."""
+    older = " (replaces an older file)" if replaced else ""
+    PlainConsole().print(f"{path}{older}", soft_wrap=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from perfcap.app.capture_folder import named_people, spare_result
-from perfcap.app.console import PlainConsole
+from perfcap.app.console import PlainConsole, print_written
 from perfcap.app.expected_doubts import expected_doubts, surface_doubt
 from perfcap.app.left_out import left_out
 from perfcap.app.lying import OF_THE_FLOOR, lying_doubt
@@ -78,7 +78,7 @@ def run_evaluate(request: Evaluate) -> int:
         return _evaluate_people(request)
     truth = read_truth(request.truth, request.dataset, request.sequence)
     metrics = compare(request.folder, truth, request.every)
-    _write(request.out or request.folder / METRICS, metrics)
+    _write_out(request, metrics)
     _show(metrics)
     _tell_of_page(request.folder, request.out)
     return 0
@@ -109,7 +109,7 @@ def _evaluate_people(request: Evaluate) -> int:
         )
         together["notes"] = [note]
         PlainConsole().print(note, style="yellow", soft_wrap=True)
-    _write(request.out or request.folder / METRICS, together)
+    _write_out(request, together)
     return 0
 
 
@@ -127,6 +127,16 @@ def _name(truth: Truth) -> str:
     """Of a person of a data set, or of the folder that holds a file of their own."""
     sequence = truth.sequence
     return sequence.folder.parent.name if sequence.dataset == "file" else sequence.name
+
+
+def _write_out(request: Evaluate, metrics: Mapping[str, Any]) -> None:
+    """Write the file, and name it where the user says where it goes."""
+    if request.out is None:
+        _write(request.folder / METRICS, metrics)
+        return
+    older = request.out.exists()
+    _write(request.out, metrics)
+    print_written(request.out, older)
 
 
 def _write(path: Path, metrics: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from perfcap.app.capture_folder import for_everybody, named_people, spare_result
-from perfcap.app.console import PlainConsole
+from perfcap.app.console import PlainConsole, print_written
 from perfcap.app.inputs import parse_frames
 from perfcap.app.level import Level, level_of
 from perfcap.commands.results import Export
@@ -79,7 +79,7 @@ def _export(request: Export, formats: Mapping[str, Format], result: Result, leve
             about = "the floor that was found is level"
         console.print(f"turned upright: {about}")
     for entry in written:
-        console.print(f"{out / entry}{' (replaces an older file)' if entry in older else ''}")
+        print_written(out / entry, entry in older)
     return 0
 
 

@@ -38,7 +38,6 @@ from perfcap.rigging.mask_checks import limb_doubts
 
 Image = NDArray[np.uint8]
 
-FIT_SHEET = "fit.jpg"
 _FRAMES, _VIEWS = 3, 4  # at most
 _SIZE = 360  # px, side of each picture
 _ROOM = 0.65  # half a picture, over the person's size

@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 
 from perfcap.app.capture_folder import beside, for_everybody, named_people, spare_result
-from perfcap.app.console import PlainConsole, progress_bars
+from perfcap.app.console import PlainConsole, print_written, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.level import Level, level_of
 from perfcap.commands.results import Render
@@ -30,7 +30,10 @@ _SMALL = 0.02  # of a picture's shorter side: a person of this size is a dot
 
 
 def run_render(request: Render) -> int:
-    """Write the video, of several people one each, OUT_person1.mp4 ...; returns the exit code.
+    """Write the video, of several people one each, OUT_person1.mp4 ..., and say which.
+
+    Returns:
+        The exit code.
 
     Raises:
         InputError: bad input, in one line; nothing has been written then.
@@ -59,6 +62,7 @@ def _render(request: Render, result: Result, level: Level) -> int:
     path = _path(request, result, around, rows)
     if request.camera is not None:
         _tell_of_empty(request, path, joints[path.frames])
+    older = request.out.exists()
     pictures = draw_free_view(result.template, result.shown, around, path)
     with progress_bars() as tell:
         save_free_view(
@@ -68,6 +72,7 @@ def _render(request: Render, result: Result, level: Level) -> int:
             result.rate,
             lambda done, total: tell("render", done, total),
         )
+    print_written(request.out, older)
     return 0
 
 

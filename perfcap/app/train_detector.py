@@ -102,7 +102,7 @@ def run_train_detector(request: TrainDetector) -> int:
         if first:
             learned = library.without((*config.held_out, *config.validation)).subjects
             sources = detector_sources(request, behind, photographs)
-            _finish(trained, request, validation, learned, sources)
+            _finish(trained, request, validation, len(rendered), learned, sources)
     return 0
 
 
@@ -262,10 +262,11 @@ def _finish(
     trained: Detector,
     request: TrainDetector,
     validation: Shots,
+    crops: int,
     learned: tuple[str, ...],
     sources: tuple[str, ...],
 ) -> None:
-    """Export, score on people held out, write the card."""
+    """Export, score on people held out, write the card; learned from so many rendered crops."""
     config, folder = request.config, request.out / MODEL
     trained = trained.cpu()
     device = torch.device("cpu")
@@ -277,7 +278,8 @@ def _finish(
         file.write((request.out / BEST).read_bytes())
     scores = score_detector(trained, validation, config, device)
     scores["calibration error"] = expected_error(peaks, hits, calibration)
-    write_detector_card(folder, config, learned, sources, request.licence, scores)
+    counts = crops, len(validation)
+    write_detector_card(folder, config, learned, sources, request.licence, scores, counts)
     start = None
     if request.start is not None:
         before = Detector(config.detector)
@@ -288,4 +290,5 @@ def _finish(
     console = PlainConsole()
     for name, value in scores.items():
         console.print(f"{name}: {value:.3g}")
+    console.print(f"learned from {crops} rendered crops, scored on {len(validation)}")
     console.print(f"written to {folder}", soft_wrap=True)

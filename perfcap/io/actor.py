@@ -13,8 +13,6 @@ from perfcap.actor.bone_correction import unit_name
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor, examine_joints, examine_weights
 from perfcap.io.actor_folder import (
-    MANIFEST,
-    MESH,
     UNKNOWN,
     Manifest,
     limited,
@@ -22,6 +20,7 @@ from perfcap.io.actor_folder import (
     read_manifest,
 )
 from perfcap.io.actor_import import import_actor, mapping_rows, read_mapping, require_sound
+from perfcap.io.actor_place import MANIFEST, MESH
 from perfcap.io.actor_points import limit_findings
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import companions, require_readable_kind

@@ -10,7 +10,7 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,18 +24,17 @@ from perfcap.actor.rig import with_limits
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.actor_place import MANIFEST, MESH, WHAT, of_earlier
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
 from perfcap.io.gltf_write import save_animation
-from perfcap.io.publish import WORK, publishing
+from perfcap.io.publish import publishing
 
-MESH, MANIFEST = "actor.glb", "manifest.toml"
 _LOG = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
-_MANIFEST = "the manifest of an actor"
 _KEYS = {
     *("name", "licence", "provenance", "generic", "shape_space", "joints", "landmarks", "limits"),
     "file",  # of models that are shipped
@@ -70,28 +69,6 @@ class Manifest:
     digest: str = UNKNOWN
 
 
-def spare_files(folder: Path, beside: Iterable[str]) -> None:
-    """Refuse to replace files that have the names of an actor's and are of no actor.
-
-    Args:
-        folder: that an actor is to be written into.
-        beside: names of the files that are written besides mesh and manifest.
-
-    Raises:
-        InputError: there are such, and no manifest of an actor that perfcap wrote.
-    """
-    manifest = folder / MANIFEST
-    built = manifest.is_file() and "name" in read_toml(manifest, _MANIFEST, MEBIBYTE)
-    if built or (folder / WORK).exists():  # of a call that was killed
-        return
-    found = [name for name in (MESH, MANIFEST, *beside) if (folder / name).exists()]
-    if found:
-        raise InputError(
-            f"--out {folder}: holds {', '.join(found)} but no actor that perfcap has built; choose "
-            "another folder, or delete what may be replaced"
-        )
-
-
 def spare_actor(folder: Path, name: str) -> None:
     """Refuse to replace somebody else; an actor of this name may be made again.
 
@@ -114,11 +91,13 @@ def save_actor(
     provenance: str = UNKNOWN,
     generic: bool = False,
     shape_space: str | None = None,
+    beside: Callable[[Path], None] | None = None,
 ) -> None:
     """Write an actor as a folder that ``load_actor`` reads back.
 
     Vertices, texture coordinates, weights and texture come back bit for bit if the template is
-    ``rounded``, as all that perfcap reads or imports is. The files appear complete, together.
+    ``rounded``, as all that perfcap reads or imports is. The files appear complete, together; what
+    tells of an earlier actor there (its contact sheet, measurements, fitted body) goes with it.
 
     Args:
         actor: what to write; its skeleton is the human one.
@@ -127,6 +106,8 @@ def save_actor(
         provenance: where the actor comes from.
         generic: whether it stands for anybody rather than for one person.
         shape_space: name of a file in the folder that holds its shape space.
+        beside: writes files that tell of the actor into a folder that it is given, which appear
+            together with it.
 
     Raises:
         InputError: another skeleton, or a folder that cannot be written.
@@ -143,10 +124,16 @@ def save_actor(
         _own_limits(actor),
     )
     still = np.eye(4)[None, None].repeat(len(template.bone_names), 1)
-    with publishing(folder) as scratch:
+
+    def gone(place: Path) -> list[str]:
+        return [name for name in of_earlier(place) if name != shape_space]
+
+    with publishing(folder, gone) as scratch:
         save_animation(scratch / MESH, template, still, fps=1.0)
         with writing(scratch / MANIFEST) as file:
             file.write("\n".join([*_lines(manifest, scratch / MESH), ""]).encode())
+        if beside is not None:
+            beside(scratch)
 
 
 def _joint_bones(template: Template) -> Mapping[str, int]:
@@ -263,7 +250,7 @@ def read_manifest(path: Path) -> Manifest:
     """
     if not path.is_file():
         return Manifest()
-    values = read_toml(path, _MANIFEST, MEBIBYTE)
+    values = read_toml(path, WHAT, MEBIBYTE)
     unknown = sorted(set(values) - _KEYS)
     if unknown:
         _LOG.warning(

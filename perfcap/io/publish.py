@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeGuard
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import settle, unwritable, writing
@@ -19,22 +21,31 @@ _NEW, _OLD, _PLAN = "new", "old", "publish.json"
 _SEPARATORS = ("/", "\\", "\0")
 
 
+def _nothing(folder: Path) -> Collection[str]:
+    return ()
+
+
 @contextmanager
-def publishing(folder: Path) -> Iterator[Path]:
+def publishing(folder: Path, gone: Callable[[Path], Collection[str]] = _nothing) -> Iterator[Path]:
     """A scratch folder whose files and folders move into ``folder`` when the block ends well.
 
     Where it does not, nothing of it stays: neither the scratch folder, nor folders made for it.
     What a killed call left is removed, or put into its place if it was complete.
+
+    Args:
+        folder: made if need be.
+        gone: names of files in the folder that tell of what is replaced; those that are not written
+            anew are removed in the same step.
 
     Raises:
         InputError: the place cannot be written, another process writes there, or a folder there
             holds other things.
     """
     with made_folder(folder):
-        yield from _publishing(folder)
+        yield from _publishing(folder, gone)
 
 
-def _publishing(folder: Path) -> Iterator[Path]:
+def _publishing(folder: Path, gone: Callable[[Path], Collection[str]]) -> Iterator[Path]:
     work = folder / WORK
     scratch = work / _NEW
     try:
@@ -47,8 +58,10 @@ def _publishing(folder: Path) -> Iterator[Path]:
         for entry in entries:
             _check_place(entry, folder / entry.name)
         settle(scratch)
+        names = [entry.name for entry in entries]
+        plan = _Plan(names, [name for name in gone(folder) if name not in names])
         with writing(work / _PLAN) as file:
-            file.write(json.dumps([entry.name for entry in entries]).encode())
+            file.write(json.dumps(asdict(plan)).encode())
         settle(work)
         _finish(folder)
     except OSError as error:
@@ -67,25 +80,50 @@ def _finish(folder: Path) -> None:
     work = folder / WORK
     if work.is_symlink() or not (work / _PLAN).is_file():
         return
-    for name in _names(work / _PLAN):
+    plan = _Plan.read(work / _PLAN)
+    for name in plan.names:
         if (work / _NEW / name).exists():
             _move(work / _NEW / name, folder / name, work / _OLD)
+    for name in plan.gone:
+        if (folder / name).is_file():  # never a folder, which no call has put there
+            (folder / name).unlink()
     settle(folder)
     (work / _PLAN).unlink()
     _remove(work)
 
 
-def _names(plan: Path) -> Collection[str]:
-    names = read_json(plan, "what was about to be put into place")
-    plain = isinstance(names, list) and all(
+@dataclass(frozen=True)
+class _Plan:
+    """What is to happen in the folder.
+
+    Attributes:
+        names: of files and folders that move into it.
+        gone: of files that leave it.
+    """
+
+    names: list[str]
+    gone: list[str]
+
+    @classmethod
+    def read(cls, path: Path) -> _Plan:
+        values = read_json(path, "what was about to be put into place")
+        parts = (
+            values if isinstance(values, dict) else {"names": values, "gone": []}
+        )  # of older versions
+        names, gone = parts.get("names"), parts.get("gone")
+        if not (_are_plain(names) and _are_plain(gone)):
+            raise InputError(f"{path}: is damaged; remove the folder {path.parent}")
+        return cls(names, gone)
+
+
+def _are_plain(names: object) -> TypeGuard[list[str]]:
+    """Whether they are a list of names of what lies directly in a folder."""
+    return isinstance(names, list) and all(
         isinstance(name, str) and name not in ("", ".", "..") and not any(
             separator in name for separator in _SEPARATORS
         )
         for name in names
     )  # fmt: skip
-    if not plain:
-        raise InputError(f"{plan}: is damaged; remove the folder {plan.parent}")
-    return list(names)
 
 
 def _check_place(entry: Path, target: Path) -> None:

@@ -126,6 +126,7 @@ def write_detector_card(
     sources: Sequence[str],
     licence: str,
     scores: Mapping[str, float],
+    crops: tuple[int, int],
 ) -> None:
     """Write ``card.md``.
 
@@ -136,6 +137,8 @@ def write_detector_card(
         sources: all that went in, a phrase each.
         licence: of the weights.
         scores: on crops of people whose motion it was not shown.
+        crops: that were rendered to learn from, and to score: more than were asked for where
+            these fill no whole parts.
     """
     rows = "\n".join(f"| {name} | {value:.3g} |" for name, value in scores.items())
     size, widths = config.detector.size, ", ".join(map(str, config.detector.widths))
@@ -147,13 +150,13 @@ positions in metres.
 - Input: `crops` (N, 3, {size}, {size}) float32, RGB, 0 to 255.
 - Output: `heat`, `x`, `y`, `z`, each (N, 16, {size // 4}, {size // 4}); a heat map sums to one.
 - Network: residual, {widths} channels at a 4th, 8th, 16th and 32nd of the resolution.
-- Learned from: {config.crops} rendered crops of random bodies and clothes, moving as
+- Learned from: {crops[0]} rendered crops of random bodies and clothes, moving as
   {len(learned)} recorded people ({", ".join(learned)}); {config.loop.steps} steps of
   {config.loop.batch}.
 {_went_in(sources, licence)}
 - Best weights chosen on the motion of {", ".join(config.validation)}, not shown otherwise.
 
-## Scores on rendered crops with the motion of {", ".join(config.validation)}
+## Scores on {crops[1]} rendered crops with the motion of {", ".join(config.validation)}
 
 | | |
 |---|---|

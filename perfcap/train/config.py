@@ -237,8 +237,9 @@ class TrainDetectorConfig:
 
     held_out: tuple[str, ...] = ("05", "06")  # people whose motion is not shown
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
-    crops: int = 30000  # stored before training; each is shown again and again, never alike
-    validation_crops: int = 512  # to score
+    crops: int = 30000
+    """Stored before training, in whole parts; each is shown again and again, never alike."""
+    validation_crops: int = 512  # to score, in whole parts
     sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.45, 160), (0.75, 192), (0.92, 224))
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(

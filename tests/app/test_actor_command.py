@@ -128,7 +128,7 @@ def test_another_actor_is_not_replaced(perfcap: Command, tmp_path: Path) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["actor.glb", "contact_sheet.jpg", "measurements.json"])
+@pytest.mark.parametrize("name", ["actor.glb", "contact_sheet.jpg", "measurements.json", "fit.jpg"])
 def test_files_of_nobody_perfcap_built_are_not_replaced(
     name: str, perfcap: Command, tmp_path: Path
 ) -> None:

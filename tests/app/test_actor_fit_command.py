@@ -52,6 +52,10 @@ def test_a_person_becomes_a_folder(take: TakeFiles, tmp_path: Path, perfcap: Com
     assert "joints and silhouettes of 3 frames in 1 view" in known["source"]
     for picture in ("fit.jpg", "contact_sheet.jpg"):
         assert cv2.imread(str(tmp_path / "me" / picture)) is not None
+    again = ["actor", "build", "--body", "--height", 1.6, "--name", "me", "--out", tmp_path / "me"]
+    assert perfcap(again).code == 0
+    files = {"actor.glb", "manifest.toml", "contact_sheet.jpg", "measurements.json"}
+    assert {file.name for file in (tmp_path / "me").iterdir()} == files
 
 
 def test_the_body_of_a_capture_is_not_replaced(

@@ -6,7 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from foreign_rigs import MIXAMO, Rig
 from runs import Command
+from takes import write_actor
 
 from perfcap.app import actor_sheet
 from perfcap.io import load_actor
@@ -28,6 +30,21 @@ def test_a_body_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
     actor = load_actor(out)
     assert actor.template.name == "eve" and actor.template.texture is not None
     assert 1.5 < float(np.ptp(actor.template.vertices[:, 1])) < 1.9
+
+
+def test_nothing_of_the_earlier_actor_stays(perfcap: Command, tmp_path: Path) -> None:
+    """Measurements of one person lay beside the mesh of another."""
+    out = tmp_path / "eve"
+    call = ["actor", "build", "--name", "eve", "--out", out]
+    assert perfcap([*call, "--body", "--height", "1.6"]).code == 0
+    for name in ("body.npz", "fit.jpg", "notes.txt"):  # two as of `actor fit`
+        (out / name).write_bytes(b"x")
+    write_actor(tmp_path / "other.glb", Rig(MIXAMO).template())
+    assert perfcap([*call, tmp_path / "other.glb"]).code == 0
+    files = {"actor.glb", "manifest.toml", "contact_sheet.jpg", "notes.txt"}
+    assert {file.name for file in out.iterdir()} == files
+    assert perfcap([*call, "--body", "--height", "1.6"]).code == 0
+    assert {file.name for file in out.iterdir()} == {*files, "measurements.json"}
 
 
 @pytest.mark.parametrize(

@@ -173,10 +173,10 @@ def test_commands_go_from_one_to_the_next(
 ) -> None:
     assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path]).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
-    brief = ["--freeze", "3", "--seconds", "0.1", "--size", "64", "64"]
-    video = ["--out", tmp_path / "turn.mp4", *brief]
-    assert perfcap(["render", captured, *video]).code == 0
-    assert (tmp_path / "turn_person1.mp4").is_file() and (tmp_path / "turn_person2.mp4").is_file()
+    call = f"render {captured} --out {tmp_path}/turn.mp4 --freeze 3 --seconds 0.1 --size 64 64"
+    one, two = (tmp_path / f"turn_person{number}.mp4" for number in (1, 2))
+    two.write_bytes(b"of the user")
+    assert f"{two} (replaces an older file)\n" in perfcap(call.split()).out and one.is_file()
     again = shutil.copytree(captured, tmp_path / "again")
     done = perfcap(["report", again, "--truth", pair.truth])
     assert done.code == 0 and not done.notes  # each page has the own truth of its person

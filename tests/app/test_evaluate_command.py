@@ -155,6 +155,18 @@ def test_numbers_replace_no_other_file(take: TakeFiles, result: Path, perfcap: C
     assert perfcap([*call, result / "metrics.json"]).code == 0
 
 
+def test_a_file_that_is_replaced_is_named(
+    take: TakeFiles, result: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    notes = tmp_path / "notes.json"
+    call = ["evaluate", result, "--truth", take.truth]
+    assert str(result) not in perfcap(call).out  # its own metrics.json
+    assert f"{notes}\n" in perfcap([*call, "--out", notes]).out
+    notes.write_text("of mine")
+    assert f"{notes} (replaces an older file)\n" in perfcap([*call, "--out", notes]).out
+    assert "mpjpe_mm" in json.loads(notes.read_text())
+
+
 def test_a_result_is_no_truth_of_its_own(result: Path, perfcap: Command) -> None:
     """All errors were 0, and nothing said why."""
     outcome = perfcap(["evaluate", result, "--truth", result / "motion.npz"])

@@ -55,6 +55,15 @@ def test_the_same_call_makes_the_same_file(
     assert len(frames(tmp_path / "a.mp4")) == 4
 
 
+def test_a_file_that_is_replaced_is_named(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    out = tmp_path / "dance.mp4"
+    call = ["render", captured, "--freeze", 0, "--seconds", 0.05, *SMALL, "--out", out]
+    assert perfcap(call).out == f"{out}\n"
+    out.write_bytes(b"my own film")
+    assert perfcap(call).out == f"{out} (replaces an older file)\n"
+    assert len(frames(out)) == 2
+
+
 def test_the_camera_of_the_capture(
     captured: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -117,9 +117,10 @@ def test_cards_and_manifests_say_what_went_in(
 @pytest.mark.slow
 def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    call = ["train", "detector", "--motion", library, "--out", out, *PEOPLE, *TINY]
+    call = ["train", "detector", "--motion", library, "--out", out, *PEOPLE, *TINY, "--crops", 33]
     outcome = perfcap(call)
     assert outcome.code == 0 and "PCK" in outcome.out
+    assert "learned from 64 rendered crops, scored on 32\n" in outcome.out  # in whole parts
     assert any("has learned nothing" in note for note in outcome.notes)  # in two steps
     assert {p.name for p in out.iterdir()} >= {
         "best.safetensors",
@@ -131,6 +132,7 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     assert not detector.joint_set.missing()
     card = (out / "model" / "card.md").read_text()
     assert "Where it fails" in card and "1 recorded people (01)" in card
+    assert "Learned from: 64 rendered crops" in card and "Scores on 32 rendered crops" in card
     assert "--resume" in perfcap(call).refused()
     assert perfcap([*call, "--resume"]).code == 0
     pictures = write_pictures(tmp_path / "pictures")

@@ -69,9 +69,17 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
+OLD = {"a.glb": "old", "about.txt": "old", "more.txt": "old", "seq/1.obj": "old"}
+NEW = {"a.glb": "new", "more.txt": "new", "seq/1.obj": "new"}
+
+
 def put(folder: Path, content: str) -> None:
-    with publishing(folder) as scratch:
+    """Files, of which some tell of the others: new ones lack one of these."""
+    with publishing(folder, lambda _: ("about.txt", "more.txt")) as scratch:
         (scratch / "a.glb").write_text(content)
+        (scratch / "more.txt").write_text(content)
+        if content == "old":
+            (scratch / "about.txt").write_text(content)
         (scratch / "seq").mkdir()
         (scratch / "seq" / "1.obj").write_text(content)
 
@@ -80,8 +88,6 @@ def test_a_kill_at_any_change_leaves_the_old_or_the_new(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the next call finds after every call that changes a folder was the last."""
-    old = {"a.glb": "old", "seq/1.obj": "old"}
-    new = {"a.glb": "new", "seq/1.obj": "new"}
 
     class Killed(BaseException):
         pass
@@ -116,7 +122,7 @@ def test_a_kill_at_any_change_leaves_the_old_or_the_new(
         with publishing(folder):
             pass
         found = contents(folder)
-        assert found in (old, new), (last, found)
+        assert found in (OLD, NEW), (last, found)
         ends.add(found["a.glb"])
     assert ends == {"old", "new"} and last > 8
 
@@ -147,10 +153,7 @@ def test_a_refusing_disk_leaves_the_old(tmp_path: Path, monkeypatch: pytest.Monk
                 put(folder, "new")
             except (InputError, OSError):
                 refused += 1
-        assert contents(folder) in (
-            {"a.glb": "old", "seq/1.obj": "old"},
-            {"a.glb": "new", "seq/1.obj": "new"},
-        ), at
+        assert contents(folder) in (OLD, NEW), at
         if calls < at:
             break
     assert refused > 3
@@ -165,7 +168,25 @@ def test_one_at_a_time(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("plan", ['["../x"]', "[1]", '{"a": 1}', '["a/b"]'])
+def test_only_files_that_are_named_go(tmp_path: Path) -> None:
+    (tmp_path / "about.txt").mkdir()
+    (tmp_path / "notes.txt").write_text("mine")
+    put(tmp_path, "new")
+    assert contents(tmp_path) == {**NEW, "notes.txt": "mine"} and (tmp_path / "about.txt").is_dir()
+
+
+def test_what_an_older_version_was_about_to_publish_is_published(tmp_path: Path) -> None:
+    (tmp_path / ".perfcap-new" / "new").mkdir(parents=True)
+    (tmp_path / ".perfcap-new" / "new" / "a.glb").write_text("new")
+    (tmp_path / ".perfcap-new" / "publish.json").write_text('["a.glb"]')
+    with publishing(tmp_path):
+        assert (tmp_path / "a.glb").read_text() == "new"
+
+
+PLANS = ('["../x"]', "[1]", '{"a": 1}', '["a/b"]', '{"names": [], "gone": ["../x"]}')
+
+
+@pytest.mark.parametrize("plan", PLANS)
 def test_damaged_plans_move_nothing(plan: str, tmp_path: Path) -> None:
     work = tmp_path / "out" / ".perfcap-new"
     (work / "new").mkdir(parents=True)

@@ -17,9 +17,13 @@ def test_cards_say_all_that_went_in_and_the_licence(tmp_path: Path, kind: str) -
         scores = {"03": {"MPJPE": 70.0}}
         write_lifter_card(tmp_path, TrainLifterConfig(), ["01"], SOURCES, "CC\n0", scores)
     else:
+        scored = {"PCK %": 70.0}
         write_detector_card(
-            tmp_path, TrainDetectorConfig(), ["01"], SOURCES, "CC\n0", {"PCK %": 70.0}
+            tmp_path, TrainDetectorConfig(), ["01"], SOURCES, "CC\n0", scored, (30080, 640)
         )
+        text = (tmp_path / "card.md").read_text()
+        assert "Learned from: 30080 rendered crops" in text
+        assert "Scores on 640 rendered crops" in text
     text = (tmp_path / "card.md").read_text()
     assert f"- Went in: {'; '.join(SOURCES)}. - Licence of the weights: CC 0; it" in " ".join(
         text.split()
