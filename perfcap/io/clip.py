@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.image_file import ImageFolder
+from perfcap.io.late_source import LateSource
 from perfcap.io.video import KEPT, VideoFile
 from perfcap.io.video_index import UNKNOWN_FPS
 from perfcap.io.view_times import parting
@@ -299,49 +300,6 @@ def _check_lengths(sources: Sequence[FrameSource], parting: bool) -> list[str]:
             f"{first}cut them to the same part"
         )
     return [f"videos have different numbers of frames ({listing}); the first {shortest} are used"]
-
-
-# --- A view whose frames are those of some frames later, or earlier, in its file ------------------
-
-
-class LateSource:
-    """Frames of another source, ``late`` later; its first or last one where it has none.
-
-    Args:
-        source: the file.
-        late: whole frames; below 0 for earlier ones.
-    """
-
-    def __init__(self, source: FrameSource, late: int) -> None:
-        self.source, self.late = source, late
-        self.name, self.size, self.lost = source.name, source.size, source.lost
-        self.total, self.warnings = source.total, source.warnings
-
-    @property
-    def fps(self) -> float | None:
-        """Frames a second, None when unknown."""
-        return self.source.fps
-
-    @property
-    def timestamps(self) -> NDArray[np.float64] | None:
-        """Seconds from the first frame, (F,), None when unknown."""
-        return self.source.timestamps
-
-    def __len__(self) -> int:
-        return len(self.source)
-
-    def read(self, start: int, stop: int) -> Frames:
-        """RGB frames, (stop - start, H, W, 3)."""
-        if start == stop:
-            return self.source.read(start, stop)
-        wanted = np.clip(np.arange(start, stop) + self.late, 0, len(self.source) - 1)
-        first = int(wanted[0])
-        read: Frames = self.source.read(first, int(wanted[-1]) + 1)[wanted - first]
-        return read
-
-    def close(self) -> None:
-        """Let go of files."""
-        self.source.close()
 
 
 def late_views(clip: Clip, late: Sequence[int], stop: int) -> Clip:

@@ -174,9 +174,24 @@ def seated(folder: Path) -> Path:
 
 def half_a_texture(folder: Path) -> Path:
     """An image whose header is sound."""
-    data = cv2.imencode(".png", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+    return _textured(folder, _picture()[:40])
+
+
+def garbled_texture(folder: Path) -> Path:
+    """An image of whole chunks that hold something else."""
+    data = _picture()
+    start = data.index(b"IDAT") + 4
+    return _textured(folder, data[:start] + b"\xff" * 20 + data[start + 20 :])
+
+
+def _picture() -> bytes:
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    return bytes(cv2.imencode(".png", noise)[1])
+
+
+def _textured(folder: Path, data: bytes) -> Path:
     uv = np.zeros((len(Rig(MIXAMO).template().vertices), 2))
-    return write(folder / "a.glb", texture=data[:40], uv=uv)
+    return write(folder / "a.glb", texture=data, uv=uv)
 
 
 def another_format(folder: Path) -> Path:
@@ -199,7 +214,8 @@ def huge(folder: Path) -> Path:
     ("make", "message"),
     [
         (seated, "far from T or A"),
-        (half_a_texture, "cannot be decoded"),
+        (half_a_texture, "image 0 is damaged"),
+        (garbled_texture, "cannot be decoded"),
         (another_format, "expected a rigged character"),
         (for_blender, "open it in Blender"),
         (huge, "2147483648 bytes"),

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.clip import Clip, LateSource
+from perfcap.io.clip import Clip
+from perfcap.io.late_source import LateSource
 from perfcap.io.mask_files import MaskFolders
 
 SIZE = (30, 40)

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from perfcap.io.clip import Clip, LateSource
+from perfcap.io.clip import Clip
+from perfcap.io.late_source import LateSource
 from perfcap.io.mask_files import MaskFolders, save_masks
 from perfcap.segment.silhouettes import encode_labels
 

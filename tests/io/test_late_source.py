@@ -5,7 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from perfcap.io.clip import Clip, LateSource, open_source
+from perfcap.io.clip import Clip, open_source
+from perfcap.io.late_source import LateSource
 
 
 def test_frames_come_from_elsewhere_in_the_file(tmp_path: Path) -> None:

@@ -15,10 +15,11 @@ from perfcap.app.capture_checks import doubts
 from perfcap.app.inputs import Inputs
 from perfcap.io import load_actor, models_folder, read_cameras, read_detections
 from perfcap.io.calibration import match_image
-from perfcap.io.clip import Clip, LateSource
+from perfcap.io.clip import Clip
 from perfcap.io.doctor.finding import Finding
 from perfcap.io.doctor.halts import examine_halts
 from perfcap.io.doctor.inputs import examine_inputs
+from perfcap.io.late_source import LateSource
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.people import Person, Scene
