@@ -53,6 +53,7 @@ def main() -> int:
     parser.add_argument("--state", type=Path, help="JSON to go on from, written as it goes")
     parser.add_argument("--case", help="SEED:NUMBER, one case with its traceback")
     options = parser.parse_args()
+    written = None if options.state is None else options.state.resolve()  # targets change folders
     with tempfile.TemporaryDirectory() as folder, quiet():
         known = targets(Path(folder) / "corpus")
         for target in known:
@@ -63,12 +64,12 @@ def main() -> int:
             finding = one(known, Path(folder) / "work", seed, number)
             sys.__stdout__.write(f"{finding or 'nothing found'}\n")
             return 1 if finding else 0
-        state = _read(options.state)
+        state = _read(written)
         start, end = state["next"], time.monotonic() + options.seconds
         while time.monotonic() < end and state["next"] - start < options.inputs:
             batch(known, Path(folder) / "work", options.seed, state, end)
-            if options.state:
-                options.state.write_text(json.dumps(state, indent=1))
+            if written is not None:
+                written.write_text(json.dumps(state, indent=1))
     sys.stdout.write(f"{state['next'] - start} inputs, {len(state['findings'])} findings\n")
     for finding in state["findings"]:
         sys.stdout.write(f"{json.dumps(finding)}\n")
