@@ -32,6 +32,7 @@ def test_a_body_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
     assert 1.5 < float(np.ptp(actor.template.vertices[:, 1])) < 1.9
 
 
+@pytest.mark.long
 def test_nothing_of_the_earlier_actor_stays(perfcap: Command, tmp_path: Path) -> None:
     """Measurements of one person lay beside the mesh of another."""
     out = tmp_path / "eve"

@@ -307,6 +307,7 @@ def test_images_that_are_not_those_of_their_cameras(
         capture(*call, images=given)
 
 
+@pytest.mark.long
 def test_what_the_doctor_knows_is_told_in_python() -> None:
     """Mistakes that robust energies get along with: told with the result, not refused."""
     take = make_take(24, views=3)
@@ -324,8 +325,7 @@ def test_what_the_doctor_knows_is_told_in_python() -> None:
     }  # fmt: skip
     assert not capture(take.actor, cameras, seen, take.rate, until=Stage.INITIALIZE).warnings
     for words, (views, joints) in cases.items():
-        nowhere = replace(views, size=())
-        for given in (views, nowhere):
+        for given in (views, replace(views, size=())):
             found = capture(take.actor, given, joints, take.rate, until=Stage.INITIALIZE)
             assert any(words in line for line in found.warnings)
 

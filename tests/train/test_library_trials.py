@@ -207,6 +207,7 @@ def clips_of_cmu() -> list[str]:
         return [row["clip"] for row in csv.DictReader(lines) if "glitch" not in row["remark"]]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not CMU.is_dir(), reason="needs shared/data/mocap_cmu_library")
 def test_recorded_people_are_accepted(tmp_path: Path) -> None:
     clips = clips_of_cmu()
