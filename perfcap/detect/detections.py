@@ -120,11 +120,16 @@ class Detections(Record):
         )
 
     def finite(self) -> Self:
-        """The same with joints that are not finite as unseen ones, and such poses not trusted."""
+        """The same with joints that are not finite as unseen ones, and such poses not trusted.
+
+        Nor are poses with a joint at exactly the middle of the hips that is not seen either: many
+        programs write zeros for what they did not find.
+        """
         known = self.joints2d.isfinite().all(-1) & self.confidence2d.isfinite()
         poses, trusted = self.joints3d, self.trusted3d
         if poses is not None:
-            trusted = trusted & poses.isfinite().all(-1).all(-1)
+            missing = (poses == 0).all(-1) & ~(self.confidence2d > 0)
+            trusted = trusted & (poses.isfinite().all(-1) & ~missing).all(-1)
             poses = torch.where(trusted[..., None, None], poses, poses.nan_to_num(0.0, 0.0, 0.0))
         return replace(
             self,

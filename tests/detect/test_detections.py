@@ -95,3 +95,16 @@ def test_arrays_are_refused_by_name() -> None:
         Detections.from_joints(pixels, sure)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="got a ndarray, expected tensors"):
         replace(example(), joints2d=pixels)  # type: ignore[arg-type]
+
+
+def test_zeros_of_what_is_not_seen_are_no_poses() -> None:
+    """Zeros stand for joints that were not found where the images do not show them either."""
+    whole = example()
+    assert whole.joints3d is not None
+    poses, sure = whole.joints3d.clone(), whole.confidence2d.clone() + 0.1
+    poses[1, 0, 4] = poses[3, 2, 15] = poses[4, 1, 0] = 0.0
+    sure[1, 0, 4], sure[3, 2, 15], sure[2, 2, 7] = 0.0, torch.nan, 0.0
+    found = replace(whole, joints3d=poses, confidence2d=sure).finite()
+    trusted = torch.ones(5, 3, dtype=torch.bool)
+    trusted[1, 0] = trusted[3, 2] = False  # a joint alone that is not seen, or a zero, is none
+    assert torch.equal(found.trusted3d, trusted)

@@ -251,3 +251,26 @@ def test_real_npz(sequence: str) -> None:
     stored = np.load(folder / "detections.npz")["joints2d"]
     assert warnings == [] and detections.trusted3d.all()
     np.testing.assert_allclose(detections.joints2d[:, 0], stored - 0.5, atol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [slice(2, 4), slice(None)])
+def test_3d_zeros_of_joints_that_are_not_seen_are_missing(tmp_path: Path, rows: slice) -> None:
+    """They came near the hips with the shift to the middle of these, and counted as joints."""
+    poses, values = pose3d_mm() + 5.0, moving(sets.LANDMARKS16)  # the origin is beside the hips
+    mark, sure = sets.LANDMARKS.index("l_wrist"), values[..., 2].copy()
+    poses[rows, mark], sure[rows, mark] = 0.0, 0.0
+    gone = poses.copy()
+    gone[rows, mark] = np.nan
+    found, said = read_detections(
+        write_npz(tmp_path / "a.npz", joints3d_mm=poses, confidence2d=sure)
+    )
+    true, wanted = read_detections(
+        write_npz(tmp_path / "b.npz", joints3d_mm=gone, confidence2d=sure)
+    )
+    assert found.joints3d is not None and true.joints3d is not None
+    assert torch.equal(found.trusted3d, true.trusted3d) and not found.trusted3d[rows].any()
+    assert torch.equal(found.joints3d, true.joints3d)
+    assert [line.split(": ")[1:] for line in said] == [line.split(": ")[1:] for line in wanted]
+    assert any("no frame has a complete 3D pose" in line for line in said) == (rows == slice(None))
+    seen, _ = read_detections(write_npz(tmp_path / "c.npz", joints3d_mm=poses))
+    assert seen.trusted3d.all()  # a joint that the images show, as limits.md says
