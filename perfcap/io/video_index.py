@@ -257,13 +257,14 @@ def frame_rate(times: NDArray[np.float64], index: VideoIndex) -> tuple[float, li
     if np.abs(times - np.arange(len(times)) / average).max() < 0.5 / average + index.tick:
         close = index.rate is not None and abs(average / index.rate - 1) < 5e-3
         return (index.rate or average) if close else average, []
-    median = 1 / float(np.median(np.diff(times)))
     steps = np.diff(times)
+    middle = float(np.median(steps))  # none where most frames have one time
+    kind, rate = ("median", 1 / middle) if middle > 0 else ("average", average)
     note = (
         f"has a variable frame rate (steps of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} "
-        f"ms); frames are used as stored, at the median rate of {median:.2f} a second"
+        f"ms); frames are used as stored, at the {kind} rate of {rate:.2f} a second"
     )
-    return median, [note]
+    return rate, [note]
 
 
 def _reason(error: Exception) -> str:

@@ -15,7 +15,7 @@ from video_files import make_video, number, picture, write_frames
 from perfcap.errors import InputError
 from perfcap.io.clip import Clip
 from perfcap.io.video import VideoFile
-from perfcap.io.video_index import promised_frames
+from perfcap.io.video_index import Orientation, VideoIndex, frame_rate, promised_frames
 from perfcap.io.video_writer import VideoWriter
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -166,6 +166,13 @@ def test_variable_frame_rate_keeps_stored_frames_and_says_so(tmp_path: Path) -> 
     assert len(clip) == 8 and 28 < clip.fps < 32
     assert "variable frame rate" in clip.warnings[0]
     np.testing.assert_allclose(clip.timestamps * 1000, ticks, atol=1)
+
+
+def test_frames_that_mostly_have_one_time_have_their_average_rate() -> None:
+    times = np.array([0.0, 1.0, 1.0, 1.0, 1.0]) / 30
+    index = VideoIndex((0, 512, 512, 512, 512), 1 / 15360, 30.0, (32, 40), Orientation(), 0, 5, ())
+    rate, (note,) = frame_rate(times, index)
+    assert rate == pytest.approx(120.0) and "at the average rate of 120.00" in note
 
 
 def test_rounded_time_stamps_are_a_constant_rate(tmp_path: Path) -> None:
