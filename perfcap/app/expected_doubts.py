@@ -68,7 +68,7 @@ def expected_doubts(
     named = Numbered(frames.tolist())
     estimate, true, valid = estimate[kept], true[kept], valid[kept]
     larger = list(_larger(pose, changing, limit[kept], named)) or list(
-        _sized(procrustes(estimate, true, valid.to(estimate.dtype)).scale, named)
+        _sized(procrustes(estimate, true, valid.to(estimate.dtype)).scale, named, not said)
     )
     return larger or ([] if said else list(_elsewhere(estimate, true, valid, own, frames)))
 
@@ -152,14 +152,20 @@ def _elsewhere(
             )
 
 
-def _sized(larger: Tensor, named: Numbered) -> Iterator[str]:
-    """That a truth is larger than a result, by factors (F,), or in a part of the frames."""
+def _sized(larger: Tensor, named: Numbered, parts: bool) -> Iterator[str]:
+    """That a truth is larger than a result, by factors (F,), or in a part of the frames.
+
+    Of one video without a calibration the pose may be so wrong for a while that its size is: parts
+    are looked at where worlds are one.
+    """
     usual = float(larger.median())
     if not 1 / _LARGER < usual < _LARGER:
         yield (
             f"the person of the truth is {usual:.2f} times as large as that of the result; check "
             "the unit of the truth, and the height of the actor"
         )
+        return
+    if not parts:
         return
     part = max(min(_PART, len(larger)), 1)
     around = larger.unfold(0, part, 1).median(-1).values

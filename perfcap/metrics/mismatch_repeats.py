@@ -16,7 +16,8 @@ _FEWEST = 12  # frames
 # one place in the truth is not that far off
 _ONE_PLACE, _GOES = 5, 0.1
 
-_ELSEWHERE = 0.1  # m by which distances of other joints from a joint at zero are wrong
+# m by which distances of other joints from a joint at zero are wrong, and times those of others
+_ELSEWHERE, _TWICE = 0.1, 2.0
 
 
 def never_measured(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[int]:
@@ -39,8 +40,19 @@ def never_measured(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[i
                 (points - points[:, joint, None]).norm(dim=-1)[both] for points in (truth, estimate)
             )
             larger = float(true.median()) / max(float(own.median()), _STILL)
-            if float((true - larger * own).abs().median()) > _ELSEWHERE * max(larger, _STILL):
+            # a poor result, or a truth that is wrong otherwise, has all distances wrong
+            usual = max(_ELSEWHERE * larger, _TWICE * _apart(estimate, truth, others))
+            if float((true - larger * own).abs().median()) > usual:
                 yield joint
+
+
+def _apart(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
+    """By how much distances between joints that count are wrong, m."""
+    both = valid[:, :, None] & valid[:, None]
+    true, own = (
+        (points[:, :, None] - points[:, None]).norm(dim=-1)[both] for points in (truth, estimate)
+    )
+    return float((true - own * (true.median() / own.median().clamp(min=_STILL))).abs().median())
 
 
 def said_of_zeros(joints: Sequence[int], named: Numbered) -> Iterator[str]:

@@ -102,3 +102,10 @@ def test_axes_of_a_relative_truth(joints: Tensor) -> None:
     lines = told(joints, relative(elsewhere(joints)))
     assert len(lines) == 2 and "relative to them" in lines[0]
     assert lines[1].startswith("after one rotation of all frames by 46 degrees 0% of the error")
+
+
+def test_the_origin_of_a_truth_beside_a_poor_result(joints: Tensor) -> None:
+    """All distances of it are wrong by 20 cm, those from the origin too."""
+    poor = joints + 0.25 * trembling(joints)
+    lines = told(poor, joints - joints[:, R_TOE : R_TOE + 1])
+    assert not any("0, 0, 0" in line for line in lines)
