@@ -164,7 +164,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     found = read_found(folder / MOTION)
     scores = joint_scores(found, truth)
     doubts = [*rate_doubts(found, truth), *joint_doubts(found, truth), *image_doubts(found, truth)]
-    notes = [*truth.sequence.warnings, *(doubts or expected_doubts(folder, found, truth))]
+    notes = [*truth.sequence.warnings, *doubts, *expected_doubts(folder, found, truth, doubts)]
     lies = lying_doubt(found, truth)
     if lies is not None:
         scores = {name: value for name, value in scores.items() if name not in OF_THE_FLOOR}

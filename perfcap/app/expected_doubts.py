@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from perfcap.io.result import Expectation, read_expectation
 from perfcap.metrics import counted_joints
 from perfcap.metrics.alignment import body_axes
 from perfcap.metrics.mismatch_named import Numbered, runs
+from perfcap.metrics.mismatch_world import WorldNote
 
 _FEWEST_JOINTS, _FEWEST = 6, 5  # of a frame, and frames
 # Times the expected error, and mm more than it
@@ -35,17 +36,23 @@ _LOOK = (
 )
 
 
-def expected_doubts(folder: Path, found: FoundJoints, truth: Truth) -> list[str]:
+def expected_doubts(
+    folder: Path, found: FoundJoints, truth: Truth, said: Sequence[str] = ()
+) -> list[str]:
     """That the truth of a capture, or the capture, is wrong for a reason that is not known.
 
     Errors after a similarity of each frame are compared with those that its report expects, in
-    frames that the report does not doubt.
+    frames that the report does not doubt. Places are not compared where the truth is of another
+    world.
 
     Args:
         folder: of the capture.
         found: its joints.
         truth: what they are compared with.
+        said: what is known to be wrong with it; nothing is added but to other worlds.
     """
+    if not all(isinstance(each, WorldNote) for each in said):
+        return []
     own, joints = read_expectation(folder), truth.sequence.joints3d
     if own is None or joints is None or len(own.error) != len(found.frames):
         return []
@@ -58,8 +65,12 @@ def expected_doubts(folder: Path, found: FoundJoints, truth: Truth) -> list[str]
         return []
     pose, changing = _errors(estimate[kept], true[kept], valid[kept])
     frames = torch.from_numpy(found.frames)[rows][kept]
-    said = list(_larger(pose, changing, limit[kept], Numbered(frames.tolist())))
-    return said or list(_elsewhere(estimate[kept], true[kept], valid[kept], own, frames))
+    named = Numbered(frames.tolist())
+    estimate, true, valid = estimate[kept], true[kept], valid[kept]
+    larger = list(_larger(pose, changing, limit[kept], named)) or list(
+        _sized(procrustes(estimate, true, valid.to(estimate.dtype)).scale, named, not said)
+    )
+    return larger or ([] if said else list(_elsewhere(estimate, true, valid, own, frames)))
 
 
 def surface_doubt(folder: Path, scores: Mapping[str, float]) -> list[str]:
@@ -119,12 +130,7 @@ def _larger(pose: Tensor, changing: Tensor, expected: Tensor, named: Numbered) -
 def _elsewhere(
     estimate: Tensor, truth: Tensor, valid: Tensor, own: Expectation, frames: Tensor
 ) -> Iterator[str]:
-    """That the person of a truth is larger, or at another place than views saw."""
-    named = Numbered(frames.tolist())
-    said = list(_sized(procrustes(estimate, truth, valid.to(estimate.dtype)).scale, named))
-    yield from said
-    if said:
-        return
+    """That the person of a truth is at another place than views saw."""
     way = torch.where(valid[..., None], truth - estimate, torch.nan).nanmean(1)
     if own.views > 1:
         far = float(way.norm(dim=-1).mean())
@@ -146,14 +152,20 @@ def _elsewhere(
             )
 
 
-def _sized(larger: Tensor, named: Numbered) -> Iterator[str]:
-    """That a truth is larger than a result, by factors (F,), or in a part of the frames."""
+def _sized(larger: Tensor, named: Numbered, parts: bool) -> Iterator[str]:
+    """That a truth is larger than a result, by factors (F,), or in a part of the frames.
+
+    Of one video without a calibration the pose may be so wrong for a while that its size is: parts
+    are looked at where worlds are one.
+    """
     usual = float(larger.median())
     if not 1 / _LARGER < usual < _LARGER:
         yield (
             f"the person of the truth is {usual:.2f} times as large as that of the result; check "
             "the unit of the truth, and the height of the actor"
         )
+        return
+    if not parts:
         return
     part = max(min(_PART, len(larger)), 1)
     around = larger.unfold(0, part, 1).median(-1).values

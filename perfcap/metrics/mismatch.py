@@ -8,9 +8,6 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from perfcap.geometry.alignment import procrustes
-from perfcap.geometry.rotation import matrix_to_rotvec
-from perfcap.metrics.alignment import HIPS, NECK, root_of
 from perfcap.metrics.lags import in_words, overlap
 from perfcap.metrics.mismatch_frames import (
     Recorded,
@@ -21,8 +18,15 @@ from perfcap.metrics.mismatch_frames import (
 )
 from perfcap.metrics.mismatch_named import Numbered
 from perfcap.metrics.mismatch_parts import explained_in_parts, sizes_in_parts
-from perfcap.metrics.mismatch_repeats import repeats
+from perfcap.metrics.mismatch_repeats import never_measured, repeats, said_of_zeros
 from perfcap.metrics.mismatch_root import root_mismatches
+from perfcap.metrics.mismatch_world import (
+    Compared,
+    World,
+    moved_world,
+    relative_world,
+    turned,
+)
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
@@ -34,13 +38,7 @@ _LATE = 0.7
 _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 60, 120 a second
 _FEWEST = 10  # frames that tell a rate
 _NOTHING = 0.05  # share of the error, of a rate that leaves the poses as they are
-_TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
-_CENTRED = 0.3  # m, from the origin: roots of bodies lie so near to hips or neck
-_AWAY, _LITTLE = 2.0, 0.2  # m that no depth of one view is off by; share of the error left by it
-# The same of shorter shifts, which no depth of one view leaves: it changes as the person moves
-_MOVED, _HARDLY = 0.6, 0.025
-_OTHER = 0.25  # m, after one rigid motion: another clip, whose place is most of the error
 _LARGER = 1.8  # than a person: a child captured as an average adult is not that far off
 # Of distances of joints over time: of right results 0.76 and more, poor ones included, of two clips
 # of recorded people 0.15 in nine of ten pairs
@@ -83,32 +81,55 @@ def mismatches(
     recorded = Recorded(known, numbers)
     if whole is not None:
         recorded = Recorded(whole, torch.as_tensor(list(whole_frames), device=truth.device))
+    zeros = list(never_measured(estimate, truth, valid))
+    measured = valid.clone()
+    measured[:, zeros] = False
+    compared = Compared(estimate, truth, measured, recorded)
     return (
-        *repeats(estimate, truth, valid, named),
-        *_mistakes(estimate, truth, valid, mirrored, named, numbers, recorded),
+        *repeats(estimate, truth, measured, named),
+        *said_of_zeros(zeros, named),
+        *_mistakes(compared, mirrored, named, numbers),
     )
 
 
 def _mistakes(
-    estimate: Tensor,
-    truth: Tensor,
-    valid: Tensor,
+    compared: Compared,
     mirrored: Sequence[int],
     named: Numbered,
     numbers: Tensor,
-    whole: Recorded,
+    looked: tuple[World, ...] = (),
 ) -> tuple[str, ...]:
-    """Those that take most of the error away, or leave poses that have nothing in common."""
+    """Those that take most of the error away, or leave poses that have nothing in common.
+
+    Where another world is all that is found, it is taken away, and what is left is looked at as if
+    it had always been of one world.
+
+    Args:
+        compared: what is left.
+        mirrored: each joint's counterpart.
+        named: what frames and joints are called.
+        numbers: of the frames, (F,).
+        looked: other worlds that were found, and taken away.
+    """
+    estimate, truth, valid = compared.estimate, compared.truth, compared.valid
+    if not bool(valid.any()):
+        return ()
     far = error(estimate, truth, valid) >= _FAR
     step = _step(named.frames)
-    told = tuple(sizes_in_parts(estimate, truth, valid, named))
-    if not told:  # a frame or two are most of the error of a good capture, and less than far
-        explain = (
-            _explained(estimate, truth, valid, mirrored, step, numbers, whole)
+    found: tuple[str | World, ...] = tuple(sizes_in_parts(estimate, truth, valid, named))
+    if not found:  # a frame or two are most of the error of a good capture, and less than far
+        worlds = not looked or looked[-1].relative
+        found = tuple(
+            _explained(compared, mirrored, step, numbers, worlds)
             if far
             else _late(estimate, truth, valid, step)
         )
-        told = tuple(explain)
+    others = [each for each in found if isinstance(each, World)]
+    told = tuple(each.note if isinstance(each, World) else each for each in found)
+    if others and len(others) == len(found):
+        for world in others:
+            compared = world.without(compared)
+        return (*told, *_mistakes(compared, mirrored, named, numbers, (*looked, *others)))
     if far and not told:
         told = tuple(root_mismatches(estimate, truth, valid))
     told = told or tuple(explained_in_parts(estimate, truth, valid, mirrored, named))
@@ -135,14 +156,10 @@ def _step(frames: Sequence[int]) -> int:
 
 
 def _explained(
-    estimate: Tensor,
-    truth: Tensor,
-    valid: Tensor,
-    mirrored: Sequence[int],
-    step: int,
-    numbers: Tensor,
-    whole: Recorded,
-) -> Iterator[str]:
+    compared: Compared, mirrored: Sequence[int], step: int, numbers: Tensor, worlds: bool
+) -> Iterator[str | World]:
+    """What takes most of the error away in all frames; of other worlds only if asked for."""
+    estimate, truth, valid = compared.estimate, compared.truth, compared.valid
     now = error(estimate, truth, valid)
     larger = _size(truth, valid) / max(_size(estimate, valid), _STILL)
     if not 1 / _LARGER < larger < _LARGER:
@@ -150,10 +167,13 @@ def _explained(
             f"the person of the truth is {larger:.2f} times as large as that of the result; "
             "expected metres (those in feet are 3.28 times as many)"
         )
-    yield from _relative(estimate, truth, valid)
+    relative = list(relative_world(compared)) if worlds else []
+    yield from relative
     rate, left = _best_rate(estimate, truth, valid)
     if left >= min(_LEFT, _best_lag(estimate, truth, valid, error)[1]):
-        elsewhere = list(other_frames(estimate, truth, valid, numbers, whole, step * _LAGS))
+        elsewhere = list(
+            other_frames(estimate, truth, valid, numbers, compared.whole, step * _LAGS)
+        )
         if elsewhere:  # what the same frames would have in other worlds shows once these are right
             yield from elsewhere
             return
@@ -177,21 +197,10 @@ def _explained(
                 f"with left and right of the truth exchanged {left:.0%} of the error is left, "
                 "aligned frame by frame; left and right are the person's own"
             )
-    turn, left = _turned(estimate, truth, valid)
-    if left / now < _LEFT and turn > _TURN and left < _OTHER:
-        yield (
-            f"after one rotation of all frames by {turn:.0f} degrees {left / now:.0%} of the error "
-            "is left; give the truth in the world of the cameras"
-        )
-    shift = (truth - estimate)[valid].mean(0)
-    shifted = error(estimate + shift, truth, valid)
-    far = float(shift.norm())
-    if (far > _AWAY and shifted < _LITTLE * now) or (far > _MOVED and shifted < _HARDLY * now):
-        yield (
-            f"after one shift of all frames by {far:.3g} m {shifted / now:.0%} of "
-            "the error is left; give the truth in the world of the cameras, with its origin"
-        )
-    _, image = _turned(estimate * estimate.new_tensor([-1.0, 1.0, 1.0]), truth, valid)
+    if worlds and not relative:  # axes are compared once both are relative
+        yield from moved_world(compared)
+    _, left = turned(estimate, truth, valid)
+    _, image = turned(estimate * estimate.new_tensor([-1.0, 1.0, 1.0]), truth, valid)
     if image < _LEFT * min(left, now):
         yield (
             f"in a mirror {image / now:.0%} of the error is left; one axis of the truth runs the "
@@ -204,32 +213,6 @@ def _size(points: Tensor, valid: Tensor) -> float:
     known = torch.where(valid[..., None], points, torch.nan)
     apart = (known - known.nanmean(-2, keepdim=True)).norm(dim=-1)
     return float(apart[valid].median())
-
-
-def _stays(points: Tensor, valid: Tensor) -> bool:
-    seen = points[valid[:, list(HIPS)].all(-1)]
-    return len(seen) > 1 and float((seen - seen[0]).norm(dim=-1).max()) < _STILL
-
-
-def _relative(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
-    """A truth that is relative to the hips, or to another place in the body near its origin."""
-    if _stays(root_of(truth), valid) and not _stays(root_of(estimate), valid):
-        yield (
-            "the hips of the truth stay in one place, those of the result do not; the truth is "
-            "relative to them, so that only aligned errors count"
-        )
-        return
-    for joints in (list(HIPS), [NECK]):
-        seen = valid[:, joints].all(-1)
-        if int(seen.sum()) < 2:
-            continue
-        true, own = (points[seen][:, joints].mean(1).norm(dim=-1) for points in (truth, estimate))
-        if float(true.max()) < _CENTRED and float(own.median()) > 2 * _CENTRED:
-            yield (
-                "the person of the truth stays at the world's origin, that of the result does not; "
-                "the truth is relative to a place in the body, so that only aligned errors count"
-            )
-            return
 
 
 def _late(estimate: Tensor, truth: Tensor, valid: Tensor, step: int) -> Iterator[str]:
@@ -287,11 +270,3 @@ def _best_rate(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, f
         if left < _NOTHING or pose < _LATE:
             best = rate, left
     return best
-
-
-def _turned(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, float]:
-    """One rigid motion of all frames: its angle in degrees, and the error it leaves, metres."""
-    source, target = estimate[valid], truth[valid]
-    moved = procrustes(source, target, scale=False)
-    left = float((moved.apply(source) - target).norm(dim=-1).mean())
-    return float(matrix_to_rotvec(moved.rotation).norm().rad2deg()), left

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
@@ -15,6 +15,59 @@ _FEWEST = 12  # frames
 # Frames in which a joint has one place, and m that the result's goes there: a foot that stands on
 # one place in the truth is not that far off
 _ONE_PLACE, _GOES = 5, 0.1
+
+# m by which distances of other joints from a joint at zero are wrong, and times those of others
+_ELSEWHERE, _TWICE = 0.1, 2.0
+
+
+def never_measured(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[int]:
+    """Joints that a truth has at 0, 0, 0 in all frames, and that are not its origin.
+
+    Other joints of a truth that is relative to a joint are as far from it as those of the result,
+    or farther by one factor.
+
+    Args:
+        estimate: joints (F, J, 3), metres.
+        truth: the same.
+        valid: joints that count, (F, J).
+    """
+    zero = valid.any(0) & ((truth == 0).all(-1) | ~valid).all(0)
+    others = valid & ~zero
+    for joint in zero.nonzero()[:, 0].tolist():
+        both = others & valid[:, joint, None]
+        if bool(both.any()):
+            true, own = (
+                (points - points[:, joint, None]).norm(dim=-1)[both] for points in (truth, estimate)
+            )
+            larger = float(true.median()) / max(float(own.median()), _STILL)
+            # a poor result, or a truth that is wrong otherwise, has all distances wrong
+            usual = max(_ELSEWHERE * larger, _TWICE * _apart(estimate, truth, others))
+            if float((true - larger * own).abs().median()) > usual:
+                yield joint
+
+
+def _apart(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
+    """By how much distances between joints that count are wrong, m."""
+    both = valid[:, :, None] & valid[:, None]
+    true, own = (
+        (points[:, :, None] - points[:, None]).norm(dim=-1)[both] for points in (truth, estimate)
+    )
+    return float((true - own * (true.median() / own.median().clamp(min=_STILL))).abs().median())
+
+
+def said_of_zeros(joints: Sequence[int], named: Numbered) -> Iterator[str]:
+    """A sentence for all joints that were never measured.
+
+    Args:
+        joints: which.
+        named: what they are called.
+    """
+    if joints:
+        names = ", ".join(named.joint(joint) for joint in joints)
+        yield (
+            f"the truth has {names} at 0, 0, 0 in all frames, and other joints are not around it; "
+            "what was not measured is NaN, or left out"
+        )
 
 
 def repeats(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:

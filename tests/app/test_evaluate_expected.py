@@ -173,3 +173,28 @@ def test_known_mistakes_stand_alone(tmp_path: Path, perfcap: Command, joints: np
     result = captured(tmp_path / "result", joints)
     (line,) = notes(perfcap, result, joints + np.array([3.0, 0, 0]))
     assert line.startswith("after one shift of all frames by 3 m")
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_other_worlds_leave_poses_to_compare(
+    tmp_path: Path, perfcap: Command, joints: np.ndarray, relative: bool
+) -> None:
+    """Where the person stands says nothing there; how large and in which pose still does."""
+    walk = np.linspace(0, 0.6, 60)[:, None, None] * np.array([1.0, 0, 0.4])
+    joints = joints + walk
+    result = captured(tmp_path / "result", joints)
+    hips = joints[:, [8, 12]].mean(1, keepdims=True)
+    true = joints - hips if relative else joints + np.array([3.0, 0, 4.0])
+    (world,) = notes(perfcap, result, true)
+    assert "only aligned errors count" in world or "after one shift of all frames by 5 m" in world
+    middle = true[:, [8, 12]].mean(1, keepdims=True)
+    _, line = notes(perfcap, result, middle + 1.3 * (true - middle))
+    assert line.startswith("the person of the truth is 1.30 times as large as that of the result")
+    if relative:
+        _, line = notes(perfcap, result, true / 1.7)
+        assert line.startswith("the person of the truth is 0.59 times as large as")
+    wander = 0.03 * np.sin(
+        np.arange(60)[:, None, None] / 7 + np.random.default_rng(1).uniform(0, 6, (1, 16, 3))
+    )
+    _, line = notes(perfcap, result, true + wander - wander[:, [8, 12]].mean(1, keepdims=True))
+    assert "mm off, and the report of the capture expects 12; the truth is of other" in line
