@@ -88,7 +88,7 @@ class PoseRefiner(nn.Module):
     Args:
         actor: the rigged person; part of the module, so ``.to()`` moves it.
         joint_set: names of the estimator's joints, or the name of a known set. Landmarks that the
-            set lacks are inferred from the rest.
+            set lacks count for nothing and are inferred from the rest.
         rate: frames a second.
         config: weights, units and windows.
         adjoint: how solves are differentiated in ``train`` mode.
@@ -186,7 +186,7 @@ class PoseRefiner(nn.Module):
             )
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with own_precision(like.device.type):
-            estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
+            estimates, batched = read_estimates(raw, cameras, self.joint_set, self.actor)
             told = [] if self.training else [*lost_gradients([e.detections for e in estimates])]
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             odd = self._examine(estimates) if self._due(estimates) else []
