@@ -9,8 +9,18 @@ import torch
 from takes import make_take
 from torch import Tensor
 
-from perfcap.detect.joint_set import LANDMARKS, JointSet
+from perfcap.detect.joint_set import (
+    COCO17,
+    COCO18,
+    H36M17,
+    JOINT_SETS,
+    LANDMARKS,
+    LSP,
+    MPII,
+    JointSet,
+)
 from perfcap.detect.retarget import bone_vectors, filled, mid_hip, retarget
+from perfcap.errors import InputError
 from perfcap.pipeline import PoseRefiner
 
 TAKE = make_take(10)
@@ -85,3 +95,82 @@ def test_sets_without_joints_of_limbs_refine_as_those_that_have_them(
         found, whole = refine(*names), refine()
     for name in (*ENDS, *names):
         assert errors(found, name) < errors(whole, name) + 0.03
+
+
+def test_frames_without_a_joint_are_left_out_as_a_whole() -> None:
+    """NaN of single joints never leads bones elsewhere: these poses do not count."""
+    places = LOCAL.clone()
+    places[3:6, :, LANDMARKS.index("r_elbow")] = torch.nan
+    found = refine(places=places)
+    for name in ENDS:
+        assert errors(found, name) < 0.03
+
+
+@pytest.mark.parametrize(
+    "joint_set", [COCO17, COCO18, MPII, LSP, H36M17], ids=lambda each: each.name
+)
+def test_sets_without_toes_are_placed(joint_set: JointSet) -> None:
+    """Zeros for toes were taken for toes in the camera."""
+    called = {"thorax": "neck", "upper_neck": "neck"}
+    names = [called.get(name, name) for name in joint_set.joints]
+    kept = [LANDMARKS.index(name) if name in LANDMARKS else 0 for name in names]
+    layer = PoseRefiner(TAKE.actor, joint_set=joint_set).eval()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = layer(TAKE.cameras, PIXELS[:, :, kept], joints3d=PLACES[:, :, kept], placed=True)
+    for name in ENDS:
+        assert float((found.joints - JOINTS)[:, LANDMARKS.index(name)].norm(dim=-1).mean()) < 0.03
+
+
+def test_joints_about_a_root_are_still_refused_as_places() -> None:
+    with pytest.raises(InputError, match="the camera is inside of the person"):
+        refine("r_toe", "l_toe", placed=True)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("head_top",),
+        ("r_wrist", "l_wrist"),
+        ("r_elbow", "l_elbow", "r_wrist", "l_wrist"),
+        ("r_elbow",),
+        ("r_elbow", "l_elbow", "r_knee", "l_knee", "r_toe", "l_toe"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["pixels", "placed", "alone"])
+def test_right_sets_are_told_nothing(names: tuple[str, ...], kind: str) -> None:
+    """Zeros for what a set lacks were copies, joints that were not found, or people of 6 m."""
+    places = LOCAL if kind == "pixels" else PLACES
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refine(*names, places=places, pixels=kind != "alone", placed=kind != "pixels")
+
+
+@pytest.mark.parametrize(
+    ("own", "mark"), [("r_elbo", "r_elbow"), ("l_kneee", "l_knee"), ("LKne", "l_knee")]
+)
+def test_names_that_are_nearly_landmarks_are_named(own: str, mark: str) -> None:
+    names = tuple(own if name == mark else name for name in LANDMARKS)
+    with pytest.warns(
+        UserWarning, match=rf"{own} \(nearly {mark}\): these joints are left out"
+    ) as said:
+        PoseRefiner(TAKE.actor, JointSet("mine", names))
+    assert said[0].filename == __file__
+
+
+def test_hips_that_are_misspelt_are_named() -> None:
+    names = tuple("l_hipp" if name == "l_hip" else name for name in LANDMARKS)
+    with pytest.raises(InputError, match=r"lacks l_hip, .* but has l_hipp \(nearly l_hip\)"):
+        PoseRefiner(TAKE.actor, JointSet("mine", names))
+
+
+def test_other_names_are_not_landmarks() -> None:
+    """Joints of known sets, and such that are called something else than what is lacking."""
+    own = {"r_wrist": "r_hand", "l_wrist": "l_hand", "r_ankle": "r_foot", "l_ankle": "l_foot"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for joint_set in JOINT_SETS:
+            PoseRefiner(TAKE.actor, joint_set)
+        more = ("r_toe_base", "l_knee_inner", "spine_1", "l_elbow_r")
+        names = tuple(own.get(name, name) for name in LANDMARKS if "toe" not in name)
+        PoseRefiner(TAKE.actor, JointSet("mine", (*names, *more)))
