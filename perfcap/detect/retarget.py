@@ -7,7 +7,7 @@ from collections.abc import Collection
 import torch
 from torch import Tensor
 
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 
 # The tree in which bones are laid end to end; the root is the middle of the hips.
 _ROOT = -1
@@ -86,7 +86,7 @@ def filled(joints3d: Tensor, lengths: Tensor, missing: Collection[str]) -> Tenso
     if not lost:
         return joints3d
     places, root = list(joints3d.unbind(-2)), mid_hip(joints3d)
-    lengths = _scale(joints3d, lengths, lost)[..., None] * lengths  # ... 16
+    lengths = _lengths(joints3d, lengths, lost)
     up = _unit(places[_NECK] - root)
     left = sum(places[pair[1]] - places[pair[0]] for pair in (_HIPS, _SHOULDERS))
     ahead = torch.linalg.cross(torch.as_tensor(left), up)
@@ -106,12 +106,18 @@ def filled(joints3d: Tensor, lengths: Tensor, missing: Collection[str]) -> Tenso
     return torch.stack(places, -2)
 
 
-def _scale(joints3d: Tensor, lengths: Tensor, lost: Collection[int]) -> Tensor:
-    """How long bones (..., 16) of poses are for those of the actor, (...)."""
+def _lengths(joints3d: Tensor, lengths: Tensor, lost: Collection[int]) -> Tensor:
+    """Bone lengths of poses, (..., 16): of those that lack an end, of the other side, or the actor.
+
+    Networks know average people, whose bones are in other proportions than the actor's.
+    """
     known = [j for j in range(len(PARENTS)) if j not in lost and PARENTS[j] not in lost]
-    found = bone_vectors(joints3d)[..., known, :].norm(dim=-1).sum(-1).detach()
-    share: Tensor = found / lengths[known].sum()
-    return share
+    found = bone_vectors(joints3d).norm(dim=-1).detach()
+    share = found[..., known].sum(-1, keepdim=True) / lengths[known].sum()
+    own = list((share * lengths).unbind(-1))
+    for joint, other in enumerate(LANDMARKS16.mirrored()):
+        own[joint] = found[..., other] if other in known else own[joint]
+    return torch.stack(own, -1)
 
 
 def _to_known(joint: int, lost: Collection[int]) -> list[int]:
@@ -128,7 +134,7 @@ def _to_known(joint: int, lost: Collection[int]) -> list[int]:
 def _bent(across: Tensor, bend: Tensor, first: Tensor, second: Tensor) -> Tensor:
     """The middle of two bones of lengths (..., 1) that lead across, (..., 3), towards a side."""
     along = _unit(across)
-    away = across.norm(dim=-1, keepdim=True).clamp(min=_SHORT)
+    away, first = across.norm(dim=-1, keepdim=True).clamp(min=_SHORT), first.clamp(min=_SHORT)
     share = ((away.square() + first.square() - second.square()) / (2 * away * first)).clamp(-1, 1)
     side = _unit(bend - (bend * along).sum(-1, keepdim=True) * along)
     # the floor keeps the derivative of the root small where bones are straight

@@ -9,6 +9,7 @@ import torch
 from takes import make_take
 from torch import Tensor
 
+from perfcap.detect import retarget as retarget_module
 from perfcap.detect.joint_set import (
     COCO17,
     COCO18,
@@ -80,10 +81,26 @@ def test_straight_limbs_have_finite_derivatives() -> None:
     )
     for poses in (pose, torch.zeros_like(pose)):
         poses.requires_grad_()
-        filled(poses, LENGTHS, ("r_elbow", "head_top")).sum().backward()
+        found = filled(poses, LENGTHS, ("r_elbow", "head_top"))
+        found.sum().backward()
+        assert found.isfinite().all()
         assert poses.grad is not None
         assert poses.grad.isfinite().all()
         assert float(poses.grad.abs().max()) < 100
+
+
+def test_derivatives_are_those_of_where_bones_lead(monkeypatch: pytest.MonkeyPatch) -> None:
+    pose = LOCAL[:2].clone()
+    hips = LANDMARKS.index("r_hip")
+    bent, names = pose[..., hips:, :].clone().requires_grad_(), ("r_elbow", "r_knee")
+
+    def ends(legs: Tensor) -> Tensor:
+        whole = torch.cat((pose[..., :hips, :], legs), -2)
+        return retarget(filled(whole, LENGTHS, names), LENGTHS)[..., [4, 10], :]
+
+    lengths = retarget_module._lengths(LOCAL[:2], LENGTHS, [LANDMARKS.index(n) for n in names])
+    monkeypatch.setattr(retarget_module, "_lengths", lambda *_: lengths)  # constants of a solve
+    assert torch.autograd.gradcheck(ends, bent)
 
 
 @pytest.mark.parametrize("names", [("r_elbow",), ("r_knee",), ("r_elbow", "l_elbow")])
