@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
@@ -23,6 +24,10 @@ from perfcap.detect.joint_set import (
 from perfcap.detect.retarget import bone_vectors, filled, mid_hip, retarget
 from perfcap.errors import InputError
 from perfcap.pipeline import PoseRefiner
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.prepare import jitter
+from perfcap.pipeline.refiner_joints import without_missing
 
 TAKE = make_take(10)
 JOINTS = TAKE.actor.joints(TAKE.truth)
@@ -191,3 +196,16 @@ def test_other_names_are_not_landmarks() -> None:
         more = ("r_toe_base", "l_knee_inner", "spine_1", "l_elbow_r")
         names = tuple(own.get(name, name) for name in LANDMARKS if "toe" not in name)
         PoseRefiner(TAKE.actor, JointSet("mine", (*names, *more)))
+
+
+def test_jitter_is_that_of_the_joints_that_a_set_has() -> None:
+    """Landmarks that do not count were taken for ones without noise."""
+    generator = torch.Generator().manual_seed(0)
+    noisy = LOCAL + 0.005 * torch.randn(LOCAL.shape, generator=generator, dtype=LOCAL.dtype)
+    detections = replace(TAKE.detections, joints3d=noisy)
+    lost = [n for n in LANDMARKS if not n.endswith(("hip", "shoulder", "ankle"))]
+    found = []
+    for names in ([], lost):
+        config = without_missing(PoseConfig(), without(*names)[0])
+        found.append(jitter(FrameProblem.of(TAKE.actor, TAKE.cameras, detections, config)))
+    assert 0.5 < found[1] / found[0] < 2
