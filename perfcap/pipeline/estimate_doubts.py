@@ -20,7 +20,7 @@ from perfcap.solve import Status
 
 _SIZES = (0.7, 1.4)  # where a network says places, in a mean person's size
 _SMALLEST, _LARGEST = 0.3, 4.0  # m, a pose from end to end
-_BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+_BESIDE = {"l_toe": "l_ankle", "r_toe": "r_ankle"}
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 # Of a pose from end to end: errors of 3 cm leave 0.02 and 0.03 of the joint that is worst, of 15 cm
 # 0.09 and 0.11; another order of the joints 0.04 and 0.2

@@ -12,7 +12,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections, extents, unit_of
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
-from perfcap.detect.retarget import mid_hip
+from perfcap.detect.retarget import bone_vectors, filled, mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import goes_forwards
@@ -79,9 +79,9 @@ class Raw:
 
 
 def read_estimates(
-    raw: Raw, cameras: Camera | Sequence[Camera], joint_set: JointSet, like: Tensor
+    raw: Raw, cameras: Camera | Sequence[Camera], joint_set: JointSet, actor: Actor
 ) -> tuple[list[ClipEstimate], bool]:
-    """Clips of an estimate in the type of ``like``, and whether they came as a batch.
+    """Clips of an estimate in the type of the actor, and whether they came as a batch.
 
     Raises:
         InputError: nothing is given, or shapes do not fit each other, the joints or the cameras,
@@ -107,10 +107,10 @@ def read_estimates(
     clips = [
         _estimate(
             {name: parts[i] for name, (parts, _) in given.items()},
-            views[i].to(like),
+            views[i].to(actor.skeleton.lower),
             joint_set,
             raw.placed or "joints2d" not in given,
-            like,
+            actor,
         )
         for i in range(count)
     ]
@@ -151,8 +151,9 @@ def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
 
 
 def _estimate(
-    given: dict[str, Tensor], cameras: Camera, joint_set: JointSet, placed: bool, like: Tensor
+    given: dict[str, Tensor], cameras: Camera, joint_set: JointSet, placed: bool, actor: Actor
 ) -> ClipEstimate:
+    like = actor.skeleton.lower
     given = {name: clip.to(like) for name, clip in given.items()}
     shapes = {name: tuple(clip.shape) for name, clip in given.items()}
     frames, views = next(iter(shapes.values()))[:2]
@@ -178,13 +179,21 @@ def _estimate(
     require_joints(detections)
     if "joints3d" not in given:
         return ClipEstimate(cameras, detections, None, like.new_zeros(whole))
-    return _with_places(ClipEstimate(cameras, detections, None, seen), given, joint_set, placed)
+    lengths = bone_vectors(actor.skeleton.rest_landmarks.detach()).norm(dim=-1)
+    clip = ClipEstimate(cameras, detections, None, seen)
+    return _with_places(clip, given, joint_set, placed, lengths)
 
 
 def _with_places(
-    clip: ClipEstimate, given: dict[str, Tensor], joint_set: JointSet, placed: bool
+    clip: ClipEstimate,
+    given: dict[str, Tensor],
+    joint_set: JointSet,
+    placed: bool,
+    lengths: Tensor,
 ) -> ClipEstimate:
     """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite.
+
+    Landmarks that it lacks are filled in, so that bones beyond them lead to the joints it has.
 
     Poses whose joints are all in one place show no person, as zeros in frames without one.
     """
@@ -194,16 +203,19 @@ def _with_places(
         sure = given.get("confidence2d", sure)
     _, certain = map_to_landmarks(local, sure, joint_set)
     local, finite = map_to_landmarks(local, torch.ones_like(sure), joint_set)
-    visible = [name not in joint_set.missing() for name in LANDMARKS]
+    missing = joint_set.missing()
+    visible = [name not in missing for name in LANDMARKS]
     whole = (finite[..., visible] > 0).all(-1)
     spans = extents(local[..., visible, :])
     _require_metres(spans[whole].detach())
     nobody = whole & (spans == 0)
     whole, certain = whole & ~nobody, torch.where(nobody[..., None], 0, certain)
+    poses = local[whole]
+    local = filled(local, lengths, missing)
     detections = replace(clip.detections, joints3d=local, trusted3d=whole)
     targets = None
     if placed and "joints2d" in given:  # joints alone may be in a world of their own
-        _require_places(local[whole])
+        _require_places(poses[:, visible], mid_hip(poses))
     if placed:
         cameras = clip.cameras
         targets = (local - cameras.translation.unsqueeze(-2)) @ cameras.rotation
@@ -212,19 +224,23 @@ def _with_places(
     )
 
 
-def _require_places(poses: Tensor) -> None:
-    """Refuse poses (N, 16, 3) that the camera would be inside of: they are relative to a root.
+def _require_places(poses: Tensor, hips: Tensor) -> None:
+    """Refuse poses (N, J, 3) that the camera would be inside of: they are relative to a root.
+
+    Args:
+        poses: the joints that are given.
+        hips: the middle of their hips, (N, 3).
 
     Raises:
         InputError: their hips, or any one joint, are where the camera is in most frames.
     """
-    hips, joints = mid_hip(poses.detach()).norm(dim=-1), poses.detach().norm(dim=-1)
+    away, joints = hips.detach().norm(dim=-1), poses.detach().norm(dim=-1)
     if not len(poses):
         return
-    if float(hips.median()) < _WITHIN or float(joints.median(0).values.min()) < _TOUCHING:
+    if float(away.median()) < _WITHIN or float(joints.median(0).values.min()) < _TOUCHING:
         raise InputError(
             f"joints3d are placed, but the camera is inside of the person (their hips are "
-            f"{100 * float(hips.median()):.2g} cm from it): they look relative to a root; give "
+            f"{100 * float(away.median()):.2g} cm from it): they look relative to a root; give "
             "them in the axes of the camera, from its centre, or leave placed=False"
         )
 

@@ -11,13 +11,7 @@ from torch import Tensor, nn
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.joint_set import (
-    LANDMARKS,
-    LANDMARKS16,
-    JointSet,
-    canonical_name,
-    find_joint_set,
-)
+from perfcap.detect.joint_set import LANDMARKS16, JointSet
 from perfcap.eager import eager
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -39,6 +33,7 @@ from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.own_energies import own_terms
 from perfcap.pipeline.placed_doubts import placed_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
+from perfcap.pipeline.refiner_joints import known_joints, without_missing
 from perfcap.pipeline.result_doubts import fit_doubts
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
@@ -88,7 +83,7 @@ class PoseRefiner(nn.Module):
     Args:
         actor: the rigged person; part of the module, so ``.to()`` moves it.
         joint_set: names of the estimator's joints, or the name of a known set. Landmarks that the
-            set lacks are inferred from the rest.
+            set lacks count for nothing and are inferred from the rest.
         rate: frames a second.
         config: weights, units and windows.
         adjoint: how solves are differentiated in ``train`` mode.
@@ -131,9 +126,9 @@ class PoseRefiner(nn.Module):
                 "CaptureConfig().pose"
             )
         self.actor = actor
-        self.joint_set = _known(joint_set)
+        self.joint_set = known_joints(joint_set)
         self.rate = frame_rate(rate)
-        self.config = _without(config or PoseConfig(), self.joint_set)
+        self.config = without_missing(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
         self.energies = own_terms(energies)
         self._batches: dict[tuple[object, ...], int] = {}  # by mode and kind
@@ -186,7 +181,7 @@ class PoseRefiner(nn.Module):
             )
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with own_precision(like.device.type):
-            estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
+            estimates, batched = read_estimates(raw, cameras, self.joint_set, self.actor)
             told = [] if self.training else [*lost_gradients([e.detections for e in estimates])]
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             odd = self._examine(estimates) if self._due(estimates) else []
@@ -312,37 +307,3 @@ def _warn(lines: Iterable[str], which: str = "", within: int = 0) -> None:
     """Warn whoever calls the module, from so many functions within ``forward``."""
     for line in lines:
         warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=6 + within)
-
-
-def _known(joint_set: JointSet | str) -> JointSet:
-    joint_set = find_joint_set(joint_set)
-    missing = joint_set.missing()
-    spelled = [f"{own} (expected {mark})" for own, mark in _misspelled(joint_set, missing)]
-    if spelled:
-        raise InputError(
-            f"joint_set {joint_set.name!r} has names that are not ours: {', '.join(spelled)}; as "
-            "they are, these joints would be left out"
-        )
-    lacking = [name for name in ("l_hip", "r_hip", "l_shoulder", "r_shoulder") if name in missing]
-    if lacking:
-        raise InputError(
-            f"joint_set {joint_set.name!r} lacks {', '.join(lacking)}, without which no pose can "
-            "be found; give the names of the estimator's joints in its order"
-        )
-    return joint_set
-
-
-def _misspelled(joint_set: JointSet, missing: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Joints on a side in another spelling, with the landmark that they are and the set lacks."""
-    for own in joint_set.joints:
-        mark = canonical_name(own)
-        if mark != own and mark in missing and mark[:2] in ("l_", "r_"):
-            yield own, mark
-
-
-def _without(config: PoseConfig, joint_set: JointSet) -> PoseConfig:
-    """The configuration for 3D joints some of which the set does not have."""
-    missing = joint_set.missing()
-    pairs = zip(LANDMARKS, config.position.deviation, strict=True)
-    deviation = tuple(float("inf") if name in missing else own for name, own in pairs)
-    return replace(config, position=replace(config.position, deviation=deviation))

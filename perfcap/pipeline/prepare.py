@@ -136,7 +136,8 @@ def jitter(problem: FrameProblem) -> float:
     found = _deviation(detections.joints2d / unit[:, None, None], seen)
     if detections.joints3d is not None:
         deviation = detections.joints3d.new_tensor(config.position.deviation)[:, None]
-        trusted = _together(detections.trusted3d)[..., None].expand(seen.shape)
+        judged = deviation[:, 0].isfinite()  # of a landmark that a joint set lacks it is infinite
+        trusted = _together(detections.trusted3d)[..., None].expand(seen.shape) & judged
         found = torch.fmax(found, _deviation(detections.joints3d / deviation, trusted))
     return float(found.detach())
 
