@@ -64,7 +64,7 @@ def laid_out(vectors: Tensor, lengths: Tensor) -> Tensor:
 # --- Landmarks that a joint set lacks -------------------------------------------------------------
 
 _SHORT = 1e-6  # a vector of no length has no direction
-_STRAIGHT = 1e-6  # squared sine: a tenth of a millimetre of an arm
+_STRAIGHT = 1e-6  # squared sine of a bend: 0.3 mm at an elbow
 _KNEES = (LANDMARKS.index("r_knee"), LANDMARKS.index("l_knee"))  # bend forwards, others backwards
 _SHOULDERS = (LANDMARKS.index("r_shoulder"), LANDMARKS.index("l_shoulder"))
 _NECK, _CROWN = LANDMARKS.index("neck"), LANDMARKS.index("head_top")
