@@ -18,7 +18,7 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
-from perfcap.io.files import named_path, read_json
+from perfcap.io.files import is_file, named_path, read_json
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_read import read_template
@@ -204,20 +204,13 @@ def read_expectation(folder: Path) -> Expectation | None:
     request = report.get("request")
     given = request.get("cameras") if isinstance(request, dict) else None
     places = [Path(given), folder / given] if isinstance(given, str) else []
-    cameras = next((place for place in places if _is_there(place)), None)
+    cameras = next((place for place in places if is_file(place)), None)
     return Expectation(error, len(views) if isinstance(views, list) else 1, cameras)
 
 
 def _is_error(value: object) -> bool:
     """Whether something read is an error in millimetres."""
     return isinstance(value, int | float) and 0 <= value < _MOST
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a name that is too long for any file
-        return False
 
 
 def identity_of(folder: Path) -> str | None:
