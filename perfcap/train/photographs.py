@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -225,11 +226,10 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; the annotations name it")
-    try:
+    image = None
+    with suppress(InputError):
         image = decode_image(path, cv2.IMREAD_COLOR_RGB, "a photograph")
-    except InputError:
-        image = np.zeros((0, 0, 3), np.uint8)
-    if not 0 < image.shape[0] * image.shape[1] <= MOST_PIXELS:
+    if image is None or image.shape[0] * image.shape[1] > MOST_PIXELS:
         raise InputError(f"{path}: cannot be read as a photograph; remove it from {ANNOTATIONS}")
     return image
 
