@@ -122,13 +122,12 @@ class Detections(Record):
     def finite(self) -> Self:
         """The same with joints that are not finite as unseen ones, and such poses not trusted.
 
-        Nor are poses with a joint at exactly the middle of the hips that is not seen either: many
-        programs write zeros for what they did not find.
+        Nor are poses with a joint that was ``not_found``.
         """
         known = self.joints2d.isfinite().all(-1) & self.confidence2d.isfinite()
         poses, trusted = self.joints3d, self.trusted3d
         if poses is not None:
-            missing = (poses == 0).all(-1) & ~(self.confidence2d > 0)
+            missing = not_found(poses, self.confidence2d)
             trusted = trusted & (poses.isfinite().all(-1) & ~missing).all(-1)
             poses = torch.where(trusted[..., None, None], poses, poses.nan_to_num(0.0, 0.0, 0.0))
         return replace(
@@ -174,6 +173,15 @@ class Detections(Record):
                 f"to: got {like!r:.80}, expected a tensor of the type and device, as torch.zeros(1)"
             )
         return self.map(lambda each: each.to(like if each.is_floating_point() else like.device))
+
+
+def not_found(poses: Tensor, confidence: Tensor) -> Tensor:
+    """Joints (..., J, 3) at exactly 0, 0, 0 whose 2D confidence (..., J) is 0 too, as (..., J).
+
+    Many programs write zeros for joints that they did not find.
+    """
+    missing: Tensor = (poses == 0).all(-1) & ~(confidence > 0)
+    return missing
 
 
 def _require_tensors(*given: object) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.detections import Detections, extents, unit_of
+from perfcap.detect.detections import Detections, extents, not_found, unit_of
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.retarget import bone_vectors, filled, mid_hip
 from perfcap.errors import InputError
@@ -198,6 +198,10 @@ def _with_places(
     Poses whose joints are all in one place show no person, as zeros in frames without one.
     """
     local = given["joints3d"]
+    if "confidence2d" in given:
+        somebody = (local != 0).flatten(-2).any(-1, keepdim=True)
+        missing3d = not_found(local, given["confidence2d"]) & somebody
+        local = torch.where(missing3d[..., None], torch.nan, local)
     sure = torch.ones_like(local[..., 0])
     if "joints2d" not in given:  # whose confidence it would be otherwise
         sure = given.get("confidence2d", sure)

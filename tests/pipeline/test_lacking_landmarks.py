@@ -180,6 +180,18 @@ def test_names_that_are_nearly_landmarks_are_named(own: str, mark: str) -> None:
     assert said[0].filename == __file__
 
 
+def test_zeros_of_joints_that_are_not_seen_are_missing() -> None:
+    """As NaN are: bones of the limb led to the middle of the hips."""
+    sure = torch.ones(PIXELS.shape[:-1], dtype=PIXELS.dtype)
+    zeros, gone, mark = LOCAL.clone(), LOCAL.clone(), LANDMARKS.index("r_elbow")
+    sure[3:6, :, mark], zeros[3:6, :, mark], gone[3:6, :, mark] = 0.0, 0.0, torch.nan
+    layer = PoseRefiner(TAKE.actor).eval()
+    found, true = (
+        layer(TAKE.cameras, PIXELS, sure, joints3d=places).joints for places in (zeros, gone)
+    )
+    assert torch.equal(found, true)
+
+
 def test_hips_that_are_misspelt_are_named() -> None:
     names = tuple("l_hipp" if name == "l_hip" else name for name in LANDMARKS)
     with pytest.raises(InputError, match=r"lacks l_hip, .* but has l_hipp \(nearly l_hip\)"):

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.detections import not_found
 from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
 from perfcap.errors import InputError
 
@@ -91,13 +92,13 @@ def to_landmarks(track: Track, pixel_offset: float) -> LandmarkTrack:
 def _pose3d(track: Track) -> tuple[Tensor | None, Tensor, list[str]]:
     """3D landmarks about the mid-hip; a frame is trusted when all of them are there.
 
-    A joint at exactly the origin that is not seen either is not there: many programs write zeros.
+    Joints that were ``not_found`` are not, which zeros say before they are shifted.
     """
     if track.joints3d is None:
         return None, torch.zeros(len(track.joints2d), dtype=torch.bool), []
     values = torch.from_numpy(track.joints3d)
-    zero = (values == 0).all(-1) & ~(torch.from_numpy(track.confidence) > 0)
-    known = values.isfinite().all(-1) & ~zero
+    missing = not_found(values, torch.from_numpy(track.confidence))
+    known = values.isfinite().all(-1) & ~missing
     mapped, seen = map_to_landmarks(values, known.to(values), track.joint_set)
     trusted = (seen > 0).all(-1) & (mapped != 0).any(-1).any(-1)
     root = mapped[:, ROOT].mean(-2, keepdim=True)
