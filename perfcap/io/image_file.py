@@ -19,7 +19,7 @@ from perfcap.io.exif import jpeg_segments
 from perfcap.io.files import MEBIBYTE, VIDEO_SUFFIXES, natural_key, require_file
 
 IMAGE_LIMIT = 256 * MEBIBYTE
-PNG = b"\x89PNG\r\n\x1a\n"
+_PNG = b"\x89PNG\r\n\x1a\n"
 _HALF = 127  # of a silhouette
 MOST_PIXELS = 1 << 27  # more than any camera has; a few bytes can declare many times that
 
@@ -37,7 +37,7 @@ def decode_image(path: Path, flags: int, what: str = "an image") -> NDArray[np.u
     """
     require_file(path, IMAGE_LIMIT, what)
     data = path.read_bytes()
-    if data[:4] == PNG[:4] and not is_whole_png(data):
+    if is_damaged_png(data):
         raise InputError(f"{path}: is a damaged PNG; expected {what}, write it again")
     size = image_size(data)
     if size is not None and size[0] * size[1] > MOST_PIXELS:
@@ -55,9 +55,16 @@ def decode_image(path: Path, flags: int, what: str = "an image") -> NDArray[np.u
     return decoded
 
 
-def is_whole_png(data: bytes) -> bool:
-    """Whether the chunks of a PNG lie within it: OpenCV makes room for what a chunk says it has."""
-    if data[:8] != PNG or data[12:16] != b"IHDR":
+def is_damaged_png(data: bytes) -> bool:
+    """Whether data begin as a PNG whose chunks do not lie within them.
+
+    OpenCV makes room for what a chunk says it has.
+    """
+    return data[:4] == _PNG[:4] and not _is_whole(data)
+
+
+def _is_whole(data: bytes) -> bool:
+    if data[:8] != _PNG or data[12:16] != b"IHDR":
         return False
     position = 8
     while position + 12 <= len(data):

@@ -8,7 +8,7 @@ from perfcap.actor.template import image_mime
 from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.exif import as_stored
-from perfcap.io.image_file import PNG, image_size, is_whole_png
+from perfcap.io.image_file import image_size, is_damaged_png
 
 LARGEST_SIDE = 16_384  # px
 LARGEST_AREA = 1 << 27  # px; a decoded image of this size takes 400 MB
@@ -44,7 +44,7 @@ def encoded_image(source: ImageSource, number: int, notes: list[Finding]) -> byt
         notes.append(Finding(Severity.WARNING, f"image {number}", what, "export it as PNG"))
         return None
     size = image_size(data)
-    if size is None or (data[:4] == PNG[:4] and not is_whole_png(data)):
+    if size is None or is_damaged_png(data):
         raise source.error(f"image {number} is damaged; export it again as JPEG or PNG")
     if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_AREA:
         raise source.error(

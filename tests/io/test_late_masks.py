@@ -4,32 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from square_masks import FRAMES, black_clip, square
 
 from perfcap.io.clip import Clip
 from perfcap.io.late_source import LateSource
 from perfcap.io.mask_files import MaskFolders, save_masks
 from perfcap.segment.silhouettes import encode_labels
 
-SIZE = (30, 40)
-FRAMES = 12
-
 
 @pytest.fixture
 def video(tmp_path: Path) -> Clip:
-    folder = tmp_path / "video"
-    folder.mkdir()
-    for frame in range(FRAMES):
-        cv2.imwrite(str(folder / f"{frame:04d}.png"), np.zeros((*SIZE, 3), np.uint8))
-    return Clip.open(folder, fps=30.0)
-
-
-def square(frame: int) -> np.ndarray:
-    mask = np.zeros(SIZE, bool)
-    mask[5 : 10 + frame, 8:20] = True
-    return mask
+    return black_clip(tmp_path / "video")
 
 
 @pytest.mark.parametrize("late", [-2, 0, 1])
