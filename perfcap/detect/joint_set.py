@@ -179,6 +179,15 @@ def canonical_name(name: str) -> str:
     return _SYNONYMS.get(lower, lower)
 
 
+def doubled_names(names: Sequence[str]) -> str:
+    """The names of joints that have several, as ``RAnkle and r_ankle``; empty where none has."""
+    spelled: dict[str, list[str]] = {}
+    for name in names:
+        spelled.setdefault(canonical_name(name), []).append(name)
+    twice = [" and ".join(own) for own in spelled.values() if len(own) > 1]
+    return ", ".join(twice[:3]) + (f" and {len(twice) - 3} more" if len(twice) > 3 else "")
+
+
 _SYNONYMS = {
     **dict.fromkeys(("headtop", "top_of_head", "head"), "head_top"),
     **dict.fromkeys(("pelvis", "hips", "root", "midhip"), "mid_hip"),

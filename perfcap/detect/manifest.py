@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from perfcap.detect.joint_set import JOINT_SETS, KNOWN_JOINTS, JointSet, canonical_name
+from perfcap.detect.joint_set import (
+    JOINT_SETS,
+    KNOWN_JOINTS,
+    JointSet,
+    canonical_name,
+    doubled_names,
+)
 from perfcap.detect.toml_table import TomlTable
 
 FILE = "manifest.toml"
@@ -232,7 +238,8 @@ def _read_joints(table: TomlTable) -> JointSet:
     else:
         names = tuple(canonical_name(name) for name in table.texts("names"))
         if len(set(names)) != len(names):
-            table.fail("names", "names a joint twice", "each joint once")
+            twice = doubled_names(table.texts("names"))
+            table.fail("names", f"names a joint twice ({twice:.200})", "each joint once")
         # joints that perfcap has no use for may be called anything
         joint_set = JointSet(f"{table.path.parent.name}'s set", names)
     lacking = {"r_hip", "l_hip"} - set(joint_set.joints)

@@ -12,6 +12,7 @@ from perfcap.detect.joint_set import (
     LANDMARKS,
     JointSet,
     canonical_name,
+    doubled_names,
     find_joint_set,
 )
 from perfcap.errors import InputError
@@ -38,6 +39,12 @@ def known_joints(joint_set: JointSet | str) -> JointSet:
             f"joint_set {joint_set.name!r} has names that are not ours: {', '.join(spelled)}; as "
             "they are, these joints would be left out"
         )
+    twice = doubled_names([own for own in joint_set.joints if _on_a_side(canonical_name(own))])
+    if twice:
+        raise InputError(
+            f"joint_set {joint_set.name!r} has {twice:.200}, the same joint; expected each joint "
+            "once: rename what is not it"
+        )
     near = ", ".join(f"{own} (nearly {mark})" for own, mark in _nearly(joint_set, missing))
     lacking = [name for name in ("l_hip", "r_hip", "l_shoulder", "r_shoulder") if name in missing]
     if lacking:
@@ -61,6 +68,11 @@ def _misspelled(joint_set: JointSet, missing: Sequence[str]) -> Iterator[tuple[s
         mark = canonical_name(own)
         if mark != own and mark in missing and mark[:2] in ("l_", "r_"):
             yield own, mark
+
+
+def _on_a_side(name: str) -> bool:
+    """Whether it is a joint of ours on a side: a set may have a ``head`` beside the crown."""
+    return name[:2] in ("l_", "r_") and name in KNOWN_JOINTS
 
 
 def _nearly(joint_set: JointSet, missing: Sequence[str]) -> Iterator[tuple[str, str]]:

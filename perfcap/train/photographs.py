@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.detect.joint_set import LANDMARKS, canonical_name
+from perfcap.detect.joint_set import LANDMARKS, canonical_name, doubled_names
 from perfcap.errors import InputError
 from perfcap.io.image_file import decode_image
 from perfcap.train.backgrounds import digest_of
@@ -138,9 +138,16 @@ def read_annotations(folder: Path) -> tuple[Annotation, ...]:
             f"{path}: joint_names lack shoulders or hips; expected names such as "
             f"{', '.join(LANDMARKS[:4])}"
         )
+    own = [str(name) for name in table["joint_names"]]
+    twice = doubled_names([name for name in own if canonical_name(name) in columns])
+    if twice:
+        raise InputError(
+            f"{path}: joint_names has {twice:.200}, the same joint; expected each joint once: "
+            "rename or remove what is not it"
+        )
     if not entries:
         raise InputError(f"{path}: names no photograph; expected at least one")
-    _say_unknown(path, [str(name) for name in table["joint_names"]])
+    _say_unknown(path, own)
     found = tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
     _say_fractions(path, entries, list(columns.values()))
     joints = np.stack([each.joints2d for each in found])

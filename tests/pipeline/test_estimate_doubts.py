@@ -126,6 +126,15 @@ def test_other_spellings_are_named() -> None:
         PoseRefiner(TAKE.actor, JointSet("mine", tuple(names)))
 
 
+def test_a_joint_that_is_there_in_two_spellings_is_named() -> None:
+    """The one in another spelling was left out with no word."""
+    for other in ("RAnkle", "R Ankle", "right_ankle"):
+        names = JointSet("mine", (*LANDMARKS, other))
+        with pytest.raises(InputError, match=f"has r_ankle and {other}, the same joint"):
+            PoseRefiner(TAKE.actor, names)
+    PoseRefiner(TAKE.actor, JointSet("mine", (*LANDMARKS, "head")))  # of SMPL, beside the crown
+
+
 def test_placed_joints_of_another_size_are_named() -> None:
     """They put the person at half the distance."""
     with pytest.warns(UserWarning, match="legs are 2 times as long as those of the placed"):

@@ -50,6 +50,7 @@ def test_people_fill_their_shots(tmp_path: Path) -> None:
         ({"joints": [[1, 2, 1]]}, r"one\.png have shape \(1, 3\); expected \(14, 3\)"),
         ({"joints": [[float("nan"), 2, 1]] * 14}, r"not finite; mark them"),
         ({"joint_names": ["nose"] * 14}, "lack shoulders or hips"),
+        ({"joint_names": [*NAMES[:-1], "RHip"]}, "has r_hip and RHip, the same joint"),
         ({"images": []}, "names no photograph"),
         ({"images": 3}, "is malformed"),
         ({"images": [{"file": "../../etc/passwd", "joints": []}]}, "a name inside images"),

@@ -18,7 +18,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
+from perfcap.detect.joint_set import (
+    KNOWN_JOINTS,
+    LANDMARKS,
+    JointSet,
+    canonical_name,
+    doubled_names,
+)
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.calibration import read_cameras
@@ -114,9 +120,18 @@ def _others(
 def _landmarks(path: Path) -> tuple[Tensor, float | None, NDArray[np.int64]]:
     """Landmarks (F, 16, 3), frames a second if known, and numbers of the frames, (F,)."""
     names, points, rate, frames = _joints(path)
-    joint_set = JointSet(path.stem, tuple(canonical_name(name) for name in names))
-    if not set(joint_set.joints) & set(LANDMARKS):
+    called = [canonical_name(name) for name in names]
+    if not set(called) & set(LANDMARKS):
         raise InputError(f"{path}: names {', '.join(names[:5])}, none of the landmarks")
+    twice = doubled_names([name for name in names if canonical_name(name) in KNOWN_JOINTS])
+    if twice:
+        raise InputError(
+            f"{path}: names {twice:.200}, the same joint; expected each joint once: rename or "
+            "remove what is not it"
+        )
+    # markers that perfcap has no use for may be called anything
+    read = [name if name in KNOWN_JOINTS else f"unread_{i}" for i, name in enumerate(called)]
+    joint_set = JointSet(path.stem, tuple(read))
     return landmarks_of(points, joint_set), rate, frames
 
 
