@@ -80,7 +80,7 @@ def _joints(
 ) -> tuple[Tensor | None, str]:
     """Landmarks in the world where there is a body model, else a word about it."""
     gender = values.get("gender")
-    if gender not in _GENDERS:
+    if not isinstance(gender, str) or gender not in _GENDERS:  # arrays cannot be compared
         raise InputError(f"{path}: gender is {gender!r:.20}, expected one of {', '.join(_GENDERS)}")
     model = folder / "smpl" / f"{gender}.npz"
     if not model.is_file():

@@ -41,6 +41,7 @@ _CENTIMETRE = 1e-2
 _LIMIT = 16 * MEBIBYTE
 _MAX_PEOPLE = 99  # each is read on its own
 _NAME = re.compile(r"[\w-]{1,40}")
+_ID = re.compile(r"-?[0-9]{1,18}")
 _FRAME = re.compile(r"body3DScene_(\d{1,9})\.json")
 
 
@@ -119,6 +120,11 @@ def _bodies(path: Path) -> dict[int, NDArray[np.float64]]:
         identity = body.get("id") if isinstance(body, dict) else None
         if not isinstance(identity, int) or numbers is None:
             raise InputError(f"{path}: a body lacks id or joints19; expected {_WHAT}")
+        if identity in found:
+            raise InputError(
+                f"{path}: has two bodies of id {identity!s:.20}, expected each person once; remove "
+                "one of them"
+            )
         joints = to_numbers(str(path), "joints19", numbers)
         if joints.shape != (4 * len(COCO19),):
             raise InputError(f"{path}: joints19 has shape {joints.shape}, expected 19 x 4 numbers")
@@ -133,7 +139,7 @@ def _choose(place: Path, person: str, identities: set[int]) -> int:
         raise InputError(f"{place / _POSES}: shows nobody in any frame")
     if not person and len(identities) == 1:
         return next(iter(identities))
-    if not person.lstrip("-").isdecimal() or int(person) not in identities:
+    if not _ID.fullmatch(person) or int(person) not in identities:
         raise InputError(f"{place / _POSES}: shows {len(identities)} people; name one: {names}")
     return int(person)
 

@@ -141,8 +141,11 @@ def _joints(path: Path) -> tuple[Sequence[str], Floats, float | None, NDArray[np
         values = read_archive(path, ("joints3d_m", "names"), _WHAT)
         points = array_of(f"{path}: joints3d_m", values.get("joints3d_m"), (None, None, 3))
         names = [str(name) for name in values.get("names", np.zeros(0)).reshape(-1)]
-        if len(names) != points.shape[1]:
-            raise InputError(f"{path}: has {len(names)} names for joints {points.shape}")
+        if len(names) != points.shape[1] or not len(points):
+            raise InputError(
+                f"{path}: has {len(names)} names for joints3d_m {points.shape}; expected {_WHAT}, "
+                "of one frame or more"
+            )
         beside = matching(path.parent, "*.trc")
         rate = read_trc(beside[0]).rate if beside else None
         return names, points, rate, np.arange(len(points))

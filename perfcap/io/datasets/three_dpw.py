@@ -6,6 +6,7 @@ plain values (``safe_pickle``). A sequence holds one or two people: ``NAME/0``, 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def _person(path: Path, values: dict[Any, Any], number: str) -> tuple[int, int]:
         names = ", ".join(f"{path.stem}/{i}" for i in range(people))
         raise InputError(f"{path}: shows {people} people; name one: {names}")
     number = number or "0"
-    if not number.isdecimal() or int(number) >= people:
+    if not re.fullmatch(r"[0-9]{1,4}", number) or int(number) >= people:
         raise InputError(f"{path}: has people 0 to {people - 1}, not {number!r:.20}")
     return people, int(number)
 
@@ -129,6 +130,11 @@ def _pixels(detections: NDArray[np.float64]) -> torch.Tensor:
 def _camera(path: Path, values: dict[Any, Any], frames: int) -> CameraRig:
     poses = array_of(f"{path}: cam_poses", values.get("cam_poses"), (frames, 4, 4))
     intrinsics = array_of(f"{path}: cam_intrinsics", values.get("cam_intrinsics"), (3, 3))
+    if not np.isfinite(intrinsics).all():
+        raise InputError(
+            f"{path}: cam_intrinsics hold NaN or infinity, expected [[fx, 0, cx], [0, fy, cy], "
+            "[0, 0, 1]] in pixels; take the file as it is published"
+        )
     # the principal point is the middle of the image, whose size is not given
     size = (round(2 * float(intrinsics[1, 2])), round(2 * float(intrinsics[0, 2])))
     view = make_view(

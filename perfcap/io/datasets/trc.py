@@ -14,6 +14,7 @@ from perfcap.io.files import read_text
 from perfcap.rates import FASTEST, SLOWEST
 
 _WHAT = "a TRC file: five lines of header, then a line a frame"
+_LAST = 10**9 - 1  # of the frames' numbers, as in names of other data sets' files
 _UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 
 
@@ -52,15 +53,21 @@ def read_trc(path: Path) -> Markers:
             f"{path}: says {len(names)} markers, DataRate {rate:g}, Units {unit!r:.10}; expected "
             "markers in m or mm"
         )
+    if lines[4].partition("\t")[0].strip().isdecimal():  # a frame would be skipped
+        raise InputError(
+            f"{path}: frames begin in line 5 ({lines[4]!r:.30}), expected {_WHAT}; the fifth names "
+            "the axes, X1, Y1, Z1: add it"
+        )
     rows = [_row(path, line, len(names)) for line in lines[5:] if line.strip()]
     if not 0 < len(rows) <= MAX_FRAMES:
         raise InputError(f"{path}: has {len(rows)} frames, expected 1 to {MAX_FRAMES}")
     table = np.array(rows)
     numbers = table[:, 0]
-    if numbers[0] < 0 or np.any(numbers % 1) or np.any(np.diff(numbers) <= 0):
+    rising = not np.any(numbers % 1) and not np.any(np.diff(numbers) <= 0)
+    if not rising or numbers[0] < 0 or numbers[-1] > _LAST:
         raise InputError(
-            f"{path}: frames are numbered {', '.join(f'{n:g}' for n in numbers[:4])}, ...; "
-            "expected whole numbers from 0 on that grow from line to line"
+            f"{path}: frames are numbered {', '.join(f'{n:g}' for n in numbers[:4])}, ..., "
+            f"{numbers[-1]:g}; expected whole numbers from 0 to {_LAST} that grow from line to line"
         )
     points = _UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
     return Markers(tuple(name.strip() for name in names), points, table[:, 0].astype(int), rate)

@@ -46,6 +46,16 @@ def test_a_triangulation_that_names_a_joint_twice(tmp_path: Path) -> None:
         POSE2SIM.read(tmp_path, "trial")
 
 
+def test_a_triangulation_of_no_frames(tmp_path: Path) -> None:
+    write_pose2sim(tmp_path)
+    path = tmp_path / "trial" / "pose-3d" / "reference3d.npz"
+    np.savez(path, joints3d_m=person(TRC_SET)[:0], names=TRC_SET.joints)
+    with pytest.raises(
+        InputError, match=r"9 names for joints3d_m \(0, 9, 3\); expected .* or more"
+    ):
+        POSE2SIM.read(tmp_path, "trial")
+
+
 def test_names_of_the_same_joint() -> None:
     assert doubled_names(["RAnkle", "LAnkle", "r_ankle"]) == "RAnkle and r_ankle"
     assert doubled_names(["RAnkle", "LAnkle"]) == ""

@@ -242,6 +242,8 @@ def minus_one(found: re.Match[str]) -> str:
         ("PathFileType", "\n\n\n\n\n\n", "Units ''"),
         ("\n3\t", "\n2\t", "numbered 1, 2, 2, 4"),
         ("\n1\t", "\n-1\t", "numbered -1"),
+        ("\n5\t", f"\n{2**70}\t", "4, ..., 1.18059e+21; expected whole numbers from 0 to"),
+        ("\n\t\tX1", "\n1\t0", "frames begin in line 5"),
     ],
 )
 def test_trc_files_that_cannot_be_used(

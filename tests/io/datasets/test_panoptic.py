@@ -121,6 +121,20 @@ def test_frames_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> 
         DATASET.read(tmp_path, NAME)
 
 
+def test_a_person_who_is_twice_in_a_frame(tmp_path: Path) -> None:
+    """The second one was taken with no word."""
+    write(tmp_path, (2, 2))
+    with pytest.raises(InputError, match="two bodies of id 2, expected each person once"):
+        DATASET.read(tmp_path, NAME)
+
+
+@pytest.mark.parametrize("person", ["--0", "-", "\u0663", 5000 * "9", "0x0", "1"])
+def test_ids_that_nobody_has(tmp_path: Path, person: str) -> None:
+    write(tmp_path)
+    with pytest.raises(InputError, match=f"shows 1 people; name one: {NAME}/0"):
+        DATASET.read(tmp_path, f"{NAME}/{person}")
+
+
 def test_calibrations_that_cannot_be_used(tmp_path: Path) -> None:
     place = write(tmp_path)
     path = place / f"calibration_{NAME}.json"

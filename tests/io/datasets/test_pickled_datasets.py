@@ -109,6 +109,8 @@ def test_one_person_of_3dpw_needs_no_number(tmp_path: Path) -> None:
         ({"campose_valid": [np.ones(3)]}, "campose_valid"),
         ({"cam_poses": np.zeros((FRAMES, 4, 4))}, "orthonormal"),
         ({"cam_intrinsics": [1, 2, 3]}, "is list"),
+        ({"cam_intrinsics": np.full((3, 3), np.nan)}, "cam_intrinsics hold NaN or infinity"),
+        ({"cam_intrinsics": np.full((3, 3), np.inf)}, "cam_intrinsics hold NaN or infinity"),
         ({"poses2d": []}, "poses2d"),
     ],
 )
@@ -119,7 +121,15 @@ def test_3dpw_that_cannot_be_used(tmp_path: Path, change: dict[str, Any], messag
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("name", ["downtown_walking_00/7", "downtown_walking_00/x", "other/0"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "downtown_walking_00/7",
+        "downtown_walking_00/x",
+        f"downtown_walking_00/{5000 * '9'}",
+        "other/0",
+    ],
+)
 def test_people_that_are_not_there(tmp_path: Path, name: str) -> None:
     write_3dpw(tmp_path, sequence_of_3dpw())
     with pytest.raises(InputError, match=r"has people 0 to 1|has no"):
@@ -211,6 +221,15 @@ def test_emdb_without_a_body_model(tmp_path: Path) -> None:
     sequence = EMDB.read(tmp_path, "P1/14_outdoor_climb")
     assert sequence.joints3d is None and sequence.pixels is not None
     assert "female.npz: no such file" in sequence.warnings[0]
+
+
+@pytest.mark.parametrize("gender", [np.array(["male", "female"]), np.zeros(0), ["male"], "Male"])
+def test_genders_that_emdb_does_not_have(tmp_path: Path, gender: Any) -> None:
+    values = write_emdb(tmp_path) | {"gender": gender}
+    path = tmp_path / "P1" / "14_outdoor_climb" / "P1_14_outdoor_climb_data.pkl"
+    path.write_bytes(pickle.dumps(values))
+    with pytest.raises(InputError, match="expected one of male, female, neutral"):
+        EMDB.read(tmp_path, "P1/14_outdoor_climb")
 
 
 def test_body_models_that_cannot_be_used(tmp_path: Path) -> None:
