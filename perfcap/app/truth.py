@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.detect.detections import unit_of
-from perfcap.detect.joint_set import LANDMARKS, canonical_name
+from perfcap.detect.joint_set import LANDMARKS, canonical_name, doubled_names
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
@@ -287,11 +287,13 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
 
 def _order(path: Path, named: NDArray[Any]) -> list[int]:
     """Where each landmark is among joints with these names."""
-    names = [canonical_name(str(name)) for name in named.reshape(-1)]
+    given = [str(name) for name in named.reshape(-1)]
+    names, twice = [canonical_name(name) for name in given], doubled_names(given)
     lacking = [name for name in LANDMARKS if name not in names]
     if lacking or len(names) != len(LANDMARKS):
         raise InputError(
             f"{path}: joint_names are {len(names)} names without {', '.join(lacking) or 'any more'}"
-            f"; expected the {len(LANDMARKS)} landmarks, in any order: {', '.join(LANDMARKS)}"
+            + (f", {twice:.80} being the same joint" if twice else "")
+            + f"; expected the {len(LANDMARKS)} landmarks, in any order: {', '.join(LANDMARKS)}"
         )
     return [names.index(name) for name in LANDMARKS]

@@ -85,6 +85,8 @@ def require_skeleton(
             f"{path}: has no joints {', '.join(lacking)} among {', '.join(names[:8])}, ...; call "
             "joints as the CMU library does"
         )
+    if twice := [name for name in wanted if names.count(name) > 1]:
+        raise InputError(f"{path}: names {', '.join(twice)} twice; expected each once: rename one")
     before = len(parents) == len(names) and all(-1 <= p < k for k, p in enumerate(parents))
     if not before or parents[0] != -1:
         raise InputError(

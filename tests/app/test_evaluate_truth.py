@@ -145,6 +145,10 @@ def test_joints_of_a_truth_have_their_names(tmp_path: Path, perfcap: Command) ->
     np.savez(tmp_path / "truth.npz", joints3d=joints, joint_names=np.array(["a"] * 16))
     line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).refused()
     assert "joint_names are 16 names without head_top" in line
+    twice = np.array([*LANDMARKS[:-1], "R Ankle"])
+    np.savez(tmp_path / "truth.npz", joints3d=joints, joint_names=twice)
+    line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).refused()
+    assert "names without l_toe, r_ankle and R Ankle being the same joint; expected" in line
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000, "millimetres"), (1e-3, "another unit")])

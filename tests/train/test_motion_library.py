@@ -180,6 +180,7 @@ def crouching(arrays: Arrays, order: tuple[int, ...] = (0, 1, 2)) -> None:
         (lambda _, rows: rows[0].update(subject=""), "lacks its clip or its subject"),
         (without_subject, "has no column subject"),
         (setter("joint_names", lambda a: np.char.add("x:", a)), "has no joints"),
+        (setter("joint_names", lambda a: np.where(a == "Neck1", "Head", a)), "names Head twice"),
         (setter("parents", lambda a: a[::-1]), "each before its children"),
         (setter("01_01/root_m", lambda a: a[:9]), "clip 01_01 has .* expected"),
         (setter("01_01/root_m", lambda a: a[:0]), "of one frame or more"),
