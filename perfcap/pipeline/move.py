@@ -74,7 +74,7 @@ def move(
     until = _last_stage(until, scene.images)
     told = scene_doubts(scene, person, until.needs_images)
     person = replace(person, detections=doubting(person.detections, told.findings))
-    said = (*_unsaid(scene, config, until), *told.sentences)
+    said = (*scene.notes, *_unsaid(scene, config, until), *told.sentences)
     own = _own_terms(energies, until, level)
     start = _start(scene, person, config, clock, checkpoint)
     problem, motion = replace(start.problem, terms=own, up=_unit(up, like)), start.motion
