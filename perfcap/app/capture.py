@@ -13,7 +13,7 @@ import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import cast
-from perfcap.app.capture_checks import made_up, preset_doubts, wants_bones
+from perfcap.app.capture_checks import made_up, wants_bones
 from perfcap.app.capture_folder import spare_inputs, spare_others, states_of, unchanged
 from perfcap.app.capture_inputs import made_ready
 from perfcap.app.capture_people import Crowd, check_people, find_people, run_people
@@ -24,6 +24,7 @@ from perfcap.app.capture_request import (
     environment,
     find_device,
     keeps_detections,
+    named_doubts,
     segmenter_of,
     settings_of,
     used_files,
@@ -146,7 +147,7 @@ def _run(
     if request.everybody:
         found = find_people(request, inputs, list(actors.values()), generic)
         if len(found.people) > 1:
-            told_of = (*inputs.warnings, *preset_doubts(request.preset, inputs.clip.views))
+            told_of = (*inputs.warnings, *named_doubts(request, inputs.clip.views))
             crowd = Crowd(replace(inputs, warnings=told_of), found, generic, actors)
             good = run_people(request, folder, crowd, work, said)
             return DONE if good else INCOMPLETE

@@ -202,29 +202,6 @@ def sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
     )
 
 
-# presets whose motion comes from joints in another way than the one that trust was learned from
-_OTHER_WEIGHTS = ("liu2013", "monoperfcap", "muvs2017")
-
-
-def preset_doubts(preset: str, views: int) -> Iterator[str]:
-    """What a preset is not made for."""
-    if preset in ("liu2013", "muvs2017") and views == 1:
-        yield (
-            f"--preset {preset}: is a method of several views, and there is one; --preset default "
-            "sees depth better"
-        )
-    if preset == "monoperfcap" and views > 1:
-        yield (
-            f"--preset {preset}: has the published weights of one view, and there are {views}; "
-            "--preset default is made for several"
-        )
-    if preset in _OTHER_WEIGHTS:
-        yield (
-            f"--preset {preset}: which frames are trusted, and the errors that run.json expects, "
-            "were learned from captures with --preset default; those of others may be larger"
-        )
-
-
 def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:
     """Whether to solve bone lengths; ``auto``: of nobody in particular, where views show them."""
     return choice == "solve" or (choice == "auto" and generic and shows_bone_lengths(detections))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from perfcap.app.capture_checks import examined, preset_doubts, told
-from perfcap.app.capture_request import uses_masks
+from perfcap.app.capture_checks import examined, told
+from perfcap.app.capture_request import named_doubts, uses_masks
 from perfcap.app.inputs import Inputs
 from perfcap.app.masked_frames import given_doubts, order_doubts, partly_masked
 from perfcap.app.true_views import settled
@@ -54,7 +54,7 @@ def made_ready(request: Capture, given: Inputs, everybody: Detections | None) ->
         given=not alone,
         everybody=everybody if inputs.detections is given.detections else None,  # frames moved
     )
-    inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
+    inputs = told(inputs, [*named_doubts(request, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
     if masks is not None:
         more = [*partly_masked(inputs, masks), *order_doubts(inputs, masks)]

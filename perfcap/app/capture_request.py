@@ -32,6 +32,7 @@ from perfcap.io.actor_place import MANIFEST
 from perfcap.io.calibration import files_beside
 from perfcap.io.detections.yolo_txt import LABELS
 from perfcap.io.gltf_document import companions
+from perfcap.pipeline.preset_doubts import preset_doubts
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
 from perfcap.segment.edge_network import EdgeNetwork
@@ -170,6 +171,12 @@ def settings_of(request: Capture) -> CaptureConfig:
         return preset
     contact = replace(preset.pose.contact, enabled=False)
     return replace(preset, pose=replace(preset.pose, contact=contact))
+
+
+def named_doubts(request: Capture, views: int) -> Iterator[str]:
+    """What the preset of a request is not made for, by the names of the command's options."""
+    settings, option = settings_of(request), "--preset"
+    return preset_doubts(settings, views, preset=option, default=f"{option} default")
 
 
 def find_device(name: str) -> torch.device:

@@ -22,7 +22,6 @@ from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_per
 from perfcap.app.inputs import Inputs
 from perfcap.app.masked_frames import masked_frames
 from perfcap.app.measures import save_measures
-from perfcap.geometry.camera import Camera
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
@@ -31,7 +30,7 @@ from perfcap.io.result_folder import BODY
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
-from perfcap.rigging.fit_doubts import FittedTo, fit_doubts
+from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.mask_checks import limb_doubts
 
 # --- A fitted body drawn over the frames it was fitted to -----------------------------------------
@@ -118,9 +117,6 @@ def _around(picture: Image, points: NDArray[np.float64]) -> Image:
 # --------------------------------------------------------------------------------------------------
 # The body of the person in the videos: fitted once, for an actor's folder or for a capture.
 
-_DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
-_FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
-
 
 @dataclass(frozen=True, kw_only=True)
 class BodyRequest:
@@ -198,21 +194,9 @@ class PersonalBody:
         return tuple(self._doubts(alone))
 
     def _doubts(self, alone: bool) -> Iterator[str]:
-        views, fit = self.chosen.clip.views, self.fit
-        if views == 1 and self.height is None:
-            yield (
-                "one camera does not tell a person's size from the distance; the height is mostly "
-                "a guess, give --height"
-            )
-        elif fit.deviations.height > _DOUBTFUL:
-            known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
-            yield f"{known}; give --height" if alone else known
-        if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
-            yield (
-                "the two cameras look at each other and see the same outline; depths are told by "
-                "sizes alone, a view from the side would help most"
-            )
-        yield from fit_doubts(self.model, fit, self._given, option="--")
+        asked = "--" if alone else None
+        yield from depth_doubts(self.fit, self._given, option=asked)
+        yield from fit_doubts(self.model, self.fit, self._given, option="--")
         if self.masks is not None:
             yield from limb_doubts(self.chosen.clip.names, self.chosen.detections, self.masks)
             yield from outline_doubts(self.chosen, self.masks)
@@ -243,10 +227,3 @@ def find_body(
     given = request.height, masks, request.evidence, request.settings
     fit, masks = fit_person(model, chosen, *given, checkpoint)
     return PersonalBody(model, fit, chosen, masks, request.height)
-
-
-def _opposite(cameras: Camera, places: torch.Tensor) -> bool:
-    """Whether two cameras see the person from opposite sides, in the median of the frames."""
-    sight = places[:, None] - cameras.centre.expand(len(places), 2, 3)
-    sight = sight / sight.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    return float((sight[:, 0] * sight[:, 1]).sum(-1).median()) < _FACING

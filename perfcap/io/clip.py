@@ -261,13 +261,17 @@ def _bounds(frames: slice | None) -> tuple[int, int | None]:
     return start, stop
 
 
+def assumed_rate(name: str) -> str:
+    """That images of a view do not say how many there are a second."""
+    return f"{name}: images have no frame rate; {UNKNOWN_FPS:g} a second assumed"
+
+
 def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[float, list[str]]:
     fps = None if fps is None else frame_rate(fps, "fps")
     known = [source for source in sources if source.fps is not None]
     rates = [source.fps for source in known if source.fps is not None]
     if not rates:
-        note = f"{sources[0].name}: images have no frame rate; {UNKNOWN_FPS:g} a second assumed"
-        return (UNKNOWN_FPS, [note]) if fps is None else (fps, [])
+        return (UNKNOWN_FPS, [assumed_rate(sources[0].name)]) if fps is None else (fps, [])
     if max(rates) / min(rates) > 1 + RATE_SLACK:
         listing = ", ".join(f"{source.name} {source.fps:.3g}" for source in known)
         raise InputError(

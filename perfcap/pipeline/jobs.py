@@ -16,6 +16,7 @@ from perfcap.errors import InputError
 from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.clip_notes import clip_notes
 from perfcap.pipeline.clip_problem import Term
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
@@ -120,7 +121,8 @@ def capture(
     if cameras is None or detections is None or rate is None:
         raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")
     person = Person(actor, detections, False if solve_bones is None else solve_bones)
-    scene = Scene(cameras, (person,), frame_rate(rate), images)
+    number = frame_rate(rate)
+    scene = Scene(cameras, (person,), number, images, clip_notes(rate, number))
     (found,) = _capture_scene(scene, config, **options)
     return found
 

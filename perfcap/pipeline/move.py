@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -33,6 +33,7 @@ from perfcap.pipeline.own_energies import own_terms
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare, relaxed
+from perfcap.pipeline.preset_doubts import preset_doubts
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.result_doubts import doubts, joint_doubts, result_doubts
 from perfcap.pipeline.stage import Stage
@@ -73,6 +74,7 @@ def move(
     until = _last_stage(until, scene.images)
     told = scene_doubts(scene, person, until.needs_images)
     person = replace(person, detections=doubting(person.detections, told.findings))
+    said = (*scene.notes, *_unsaid(scene, config, until), *told.sentences)
     own = _own_terms(energies, until, level)
     start = _start(scene, person, config, clock, checkpoint)
     problem, motion = replace(start.problem, terms=own, up=_unit(up, like)), start.motion
@@ -81,8 +83,14 @@ def move(
         with clock.stage("track_motion") as tell:
             motion, windows, problem = track_twice(problem, motion, tell, checkpoint)
     found = problem, start.problem, motion, windows, scene.images
-    moved = Moved(start, person.detections, *found, until, clock, checkpoint, told.sentences)
+    moved = Moved(start, person.detections, *found, until, clock, checkpoint, said)
     return _levelled(moved) if level else moved
+
+
+def _unsaid(scene: Scene, config: CaptureConfig, until: Stage) -> Iterator[str]:
+    """What the settings are not made for, where nobody has looked at the inputs yet."""
+    if scene.images is None or not scene.images.examined:
+        yield from preset_doubts(config, scene.cameras.views, until.needs_images)
 
 
 def _unit(up: Tensor | None, like: Tensor) -> Tensor | None:

@@ -13,6 +13,7 @@ from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.clip_notes import clip_notes
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.rates import frame_rate
@@ -46,18 +47,24 @@ class Scene:
     Attributes:
         cameras: C views, (C,) or (F, C), in pixels of the detections.
         people: one or more, in any iterable.
-        rate: frames a second.
+        rate: frames a second, or the clip that has them.
         images: the frames that were detected in; None for joints alone.
+        notes: what a user should know of all that was read; what a clip says is added.
     """
 
     cameras: Camera
     people: tuple[Person, ...]
     rate: float
     images: Images | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_kinds(cameras=self.cameras, images=self.images)
-        object.__setattr__(self, "rate", frame_rate(self.rate))
+        rate = frame_rate(self.rate)
+        reader = None if self.images is None or self.images.examined else self.images.reader
+        told = (*self.notes, *clip_notes(self.rate, rate), *clip_notes(reader, rate))
+        object.__setattr__(self, "notes", tuple(dict.fromkeys(told)))
+        object.__setattr__(self, "rate", rate)
         if not isinstance(self.people, Iterable):
             kind = type(self.people).__name__
             raise InputError(f"scene: people are a {kind}, expected a tuple of Person")

@@ -18,7 +18,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
 from perfcap.rigging.build_body import Person
-from perfcap.rigging.fit_doubts import FittedTo, fit_doubts
+from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.mask_checks import limb_doubts, others_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -123,7 +123,7 @@ def warn_of_result(
     plain = replace(fit, motion=fit.motion.map(_plain))
     body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
     told = [line for line in fit_doubts(body, plain, given) if line not in known]
-    for line in told:
+    for line in (*depth_doubts(plain, given), *told):
         warnings.warn(f"body fit: {line}", stacklevel=3)
 
 

@@ -73,6 +73,43 @@ def fit_doubts(
         yield from mask_doubts(found, given.names, given.numbers)
 
 
+# --- What views do not tell -----------------------------------------------------------------------
+
+_DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
+_FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
+
+
+def depth_doubts(fit: BodyFit, given: FittedTo, *, option: str | None = "") -> Iterator[str]:
+    """Sentences about sizes and depths that the views hardly tell.
+
+    Args:
+        fit: the body, and its motion.
+        given: what it was fitted to.
+        option: what stands before names of arguments; None where a height cannot be given.
+    """
+    views = given.cameras.views
+    if views == 1 and given.height is None:
+        yield (
+            "one camera does not tell a person's size from the distance; the height is mostly a "
+            f"guess, give {option or ''}height"
+        )
+    elif fit.deviations.height > _DOUBTFUL:
+        known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
+        yield known if option is None else f"{known}; give {option}height"
+    if views == 2 and _opposite(given.cameras, fit.motion.translation.detach()):
+        yield (
+            "the two cameras look at each other and see the same outline; depths are told by sizes "
+            "alone, a view from the side would help most"
+        )
+
+
+def _opposite(cameras: Camera, places: Tensor) -> bool:
+    """Whether two cameras see the person from opposite sides, in the median of the frames."""
+    sight = places[:, None] - cameras.centre.expand(len(places), 2, 3)
+    sight = sight / sight.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+    return float((sight[:, 0] * sight[:, 1]).sum(-1).median()) < _FACING
+
+
 # --- Sizes ----------------------------------------------------------------------------------------
 
 _TALL = (1.3, 2.15)  # m; of a body that is a grown person's

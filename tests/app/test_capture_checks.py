@@ -9,8 +9,10 @@ from runs import Command
 from synthetic import cameras as circle
 from takes import TakeFiles, make_take, write_detections, write_video
 
-from perfcap.app.capture_checks import examined, preset_doubts, refuse_wrong
+from perfcap.app.capture_checks import examined, refuse_wrong
+from perfcap.app.capture_request import named_doubts
 from perfcap.app.inputs import Inputs
+from perfcap.commands.capture import Capture
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
@@ -86,22 +88,18 @@ def test_networks_may_follow_different_people() -> None:
     assert "--people" not in str(refused.value)
 
 
-def test_a_preset_is_named_for_views_that_it_is_not_made_for() -> None:
-    for preset in ("liu2013", "muvs2017"):
-        assert any("several views" in line for line in preset_doubts(preset, 1))
-        assert not any("several views" in line for line in preset_doubts(preset, 2))
-    assert any("weights of one view, and there are 3" in s for s in preset_doubts("monoperfcap", 3))
-    assert not any("one view" in line for line in preset_doubts("monoperfcap", 1))
-    for preset, views in (("default", 1), ("default", 3), ("rhodin2016", 1), ("rhodin2016", 3)):
-        assert not [*preset_doubts(preset, views)]
-    for preset, views in (("liu2013", 2), ("muvs2017", 2), ("monoperfcap", 1)):
-        assert len([*preset_doubts(preset, views)]) == 1  # whose errors are expected
-
-
-@pytest.mark.parametrize("preset", ["liu2013", "monoperfcap", "muvs2017"])
-@pytest.mark.parametrize("views", [1, 4])
-def test_presets_of_other_weights_say_whose_errors_are_expected(preset: str, views: int) -> None:
-    assert sum("errors that run.json expects" in line for line in preset_doubts(preset, views)) == 1
+def test_presets_have_the_names_of_the_command() -> None:
+    for floor in ("auto", "none"):  # which changes settings of the preset
+        request = Capture(
+            videos=(Path("a.mp4"),),
+            actor=("average",),
+            cameras=Path("cameras.json"),
+            preset="monoperfcap",
+            floor=floor,
+        )
+        first, second = named_doubts(request, 3)
+        assert first.startswith("--preset monoperfcap: has the published weights of one view")
+        assert "--preset default is made for several" in first and "run.json expects" in second
 
 
 @pytest.mark.long

@@ -16,7 +16,9 @@ from perfcap.commands.capture import Capture
 def body() -> PersonalBody:
     fit: Any = SimpleNamespace(deviations=SimpleNamespace(height=0.04))
     clip = SimpleNamespace(views=3, start=0, names=())
-    chosen: Any = SimpleNamespace(clip=clip, cameras=None, detections=None, frames=())
+    chosen: Any = SimpleNamespace(
+        clip=clip, cameras=SimpleNamespace(views=3), detections=None, frames=()
+    )
     return PersonalBody(cast(Any, None), fit, chosen, None)
 
 

@@ -93,6 +93,7 @@ def scene() -> Scene:
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:body fit. the height is known to:UserWarning")
 def test_girths_are_recovered_from_edges(scene: Scene) -> None:
     found, alone = scene.fitted((200, 40)), scene.fitted(None)
     true = scene.girths()

@@ -87,7 +87,9 @@ def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
             fit_body(model, cameras, detections, initial, given, height, settings=QUICK)
         return " ".join(str(each.message) for each in found)
 
-    assert told(inside, tall) == told(None, tall) == ""
+    right = told(inside, tall)  # and the two cameras face each other
+    assert right == told(None, tall) and right.startswith("body fit: the two cameras look at each")
+    assert right.count("body fit: ") == 1
     assert "body fit: silhouettes exceed the body by" in told(wide, tall)
     assert "masks of view 0: miss the body by" in told(odd, tall)
     assert "check the height, and the scale of the cameras" in told(None, tall + 0.2)
