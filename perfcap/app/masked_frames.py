@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from functools import partial
 
-from perfcap.app.body_doubts import outline_doubts, require_person
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
+from perfcap.errors import InputError
+from perfcap.io.doctor.mask_joints import LEAST_INSIDE, joints_inside
+from perfcap.io.doctor.mask_outlines import MaskedFrames, mask_doubts
 from perfcap.io.doctor.masks import examine_masks
 from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
-from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside, limb_doubts
 
 _LOOKED_AT = 12  # frames
 _FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
@@ -29,6 +30,21 @@ def masked_frames(
     found = read_masks(chosen, masks)
     require_person(chosen, found)
     return chosen, found
+
+
+def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
+    """Refuse masks that show the person whose joints are detected in no view.
+
+    Raises:
+        InputError: they are empty, inverted, or of somebody else.
+    """
+    shares = joints_inside(chosen.detections, masks.inside)
+    if not bool((shares >= LEAST_INSIDE).any()):
+        told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
+        raise InputError(
+            f"--masks: hold {told} % of the detected joints of the views; expected images that are "
+            "white where the person is, numbered as the frames of the video"
+        )
 
 
 def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
@@ -71,14 +87,9 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """
     if not masks.complete():
         return
-    clip = inputs.clip
-    chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
-    shares = joints_inside(chosen.detections, found).tolist()
-    yield from limb_doubts(clip.names, chosen.detections, found)
-    for name, share in zip(clip.names, shares, strict=True):
-        if share < LEAST_INSIDE:
-            yield (
-                f"masks of {name}: hold {100 * share:.0f} % of the detected joints; expected those "
-                "of the person, numbered as the frames of the video"
-            )
-    yield from outline_doubts(chosen, found, girths=False)
+    yield from mask_doubts(shown(*masked_frames(inputs, _LOOKED_AT, masks)))
+
+
+def shown(chosen: ChosenFrames, masks: PersonMasks) -> MaskedFrames:
+    """Chosen frames with their masks, as checks look at them."""
+    return MaskedFrames(chosen.clip.names, chosen, chosen.detections, masks.inside)
