@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
@@ -10,12 +10,11 @@ from perfcap.app.inputs import Inputs
 from perfcap.errors import InputError
 from perfcap.io.doctor.mask_joints import LEAST_INSIDE, joints_inside
 from perfcap.io.doctor.mask_outlines import MaskedFrames, mask_doubts
-from perfcap.io.doctor.masks import examine_masks
+from perfcap.io.doctor.masks import examine_masks, partly_masked
 from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
 
 _LOOKED_AT = 12  # frames
-_FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
 
 
 def masked_frames(
@@ -47,19 +46,13 @@ def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
         )
 
 
-def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
+def missing_masks(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """Views of which some frames alone have masks, a sentence each."""
     clip = inputs.clip
     for view, (name, files) in enumerate(zip(clip.names, masks.files, strict=True)):
         rows = clip.file_frames(view).tolist()
         there = {row for row in rows if row >= 0}  # a view that is late has no image of some
-        given = sorted(there & {rows[frame] for frame in files})
-        if given and len(given) < len(there):
-            yield (
-                f"masks of {name}: are given for {len(given)} of {len(there)} frames, {given[0]} "
-                f"to {given[-1]} (counted from 0); those of the others are found in the images"
-                f"{_FROM_ONE if _counts_from_one(given, there) else ''}"
-            )
+        yield from partly_masked(name, sorted(there & {rows[frame] for frame in files}), there)
 
 
 def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
@@ -72,11 +65,6 @@ def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
         first = clip.start + clip.late(view)
         for found in examine_masks(name, read, *shown, first=first):
             yield f"{found.subject}: {found.what}; {found.remedy}"
-
-
-def _counts_from_one(given: Collection[int], there: Collection[int]) -> bool:
-    """Whether masks of all frames but the first are there: their numbers may begin with 1."""
-    return 0 in there and set(given) == set(there) - {0}
 
 
 def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
