@@ -31,7 +31,6 @@ from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks, fit_body, rig_with_joints
-from perfcap.rigging.fit_body import extents
 
 SIZE, FOCAL, DISTANCE = (640, 640), 900.0, 3.2  # px, px, metres
 NAMES = ("height", "chest", "waist", "hip", "inseam")
@@ -108,7 +107,7 @@ def fitted(frames: list[Person], views: int, height: float, config: Experiment) 
     take = film(frames, views, config)
     model = load_body_model()
     actor = model.actor(torch.zeros(0))
-    unit = 0.01 * extents(take.detections)
+    unit = 0.01 * take.detections.box_heights()
     problem = FrameProblem(actor, take.cameras, take.detections, PoseConfig(), unit)
     initial, _ = initialize(prepare(problem))
     return fit_body(

@@ -44,7 +44,6 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.render import ProjectedMesh, Texture, rasterize, render
 from perfcap.rigging import PersonMasks, fit_body
-from perfcap.rigging.fit_body import extents
 from perfcap.train.backgrounds import Backgrounds
 
 _VIEWS = {6: (0, 1, 2, 3, 4, 5), 4: (0, 1, 3, 4), 2: (0, 3)}
@@ -168,10 +167,10 @@ def _fitted(take: Take, shown: _Painted, kind: str) -> Measurements:
         )
         model, kind = BodyModel(surface, bones, model.rig), "contours"
     actor = model.actor(torch.zeros(0))
-    problem = replace(FrameProblem.of(actor, cameras, seen), pixel_unit=0.01 * extents(seen))
+    problem = replace(FrameProblem.of(actor, cameras, seen), pixel_unit=0.01 * seen.box_heights())
     initial, _ = initialize(prepare(problem))
     masks = PersonMasks(cameras, take.masks) if kind == "masks" else None
-    edges = BodyContours(Images(shown, cameras), extents(seen)) if kind == "contours" else None
+    edges = BodyContours(Images(shown, cameras), seen.box_heights()) if kind == "contours" else None
     with torch.no_grad():
         found = fit_body(model, cameras, seen, initial, masks, contours=edges)
     return found.measurements

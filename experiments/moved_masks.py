@@ -2,7 +2,7 @@
 
 True masks of all rendered clips, of every view and person, as they are and spoiled. What is named
 of right masks, and of such as are a little too large, too small or coarse, is a false alarm.
-Thresholds were chosen with these clips in view. ``outline_registration`` is what captures ask.
+Thresholds were chosen with these clips in view. ``io.doctor.moved_outlines`` is what captures ask.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from recordings import stored_image
 from report import Report, Table
 
-from perfcap.app.outline_registration import moved_sentences, register
+from perfcap.io.doctor.moved_outlines import moved_sentences, register
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

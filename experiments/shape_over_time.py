@@ -33,7 +33,6 @@ from perfcap.pipeline.objective import FrameProblem, neutral_angles
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
-from perfcap.rigging.fit_body import extents
 from perfcap.rigging.view_fit import DETECTOR_OFFSETS
 
 
@@ -143,7 +142,7 @@ def _scores(
 
 def _fitted(model: BodyModel, one: Filmed, shown: bool, consensus: str) -> BodyFit:
     actor = model.actor(torch.zeros(0))
-    unit = 0.01 * extents(one.detections)
+    unit = 0.01 * one.detections.box_heights()
     frames = FrameProblem(actor, one.cameras, one.detections, PoseConfig(), unit)
     initial, _ = initialize(prepare(frames))
     masks = PersonMasks(one.cameras, one.masks) if shown else None

@@ -27,6 +27,7 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.gltf_write import save_animation
 from perfcap.io.video_writer import VideoWriter
 from perfcap.pipeline.objective import neutral_angles
+from perfcap.render.projected_mesh import ProjectedMesh
 
 F64 = torch.float64
 
@@ -193,6 +194,15 @@ class TakeFiles:
         options = [str(text) for key, value in parts.items() for text in (f"--{key}", value)]
         options += [] if "--until" in more else ["--until", "track_motion"]
         return ["capture", str(changes.get("video", self.video)), *options, *more]
+
+
+def silhouettes(take: Take) -> list[np.ndarray]:
+    """True masks of each frame of a take of one view, (H, W) bool."""
+    faces = torch.as_tensor(take.actor.template.faces.copy())
+    return [
+        ProjectedMesh.seen_by(take.cameras, vertices, faces).rasterize().mask.numpy()
+        for vertices in take.actor.surface(take.truth)
+    ]
 
 
 def write_take(

@@ -8,7 +8,7 @@ from typing import Any
 from perfcap.app.capture_checks import examined, told
 from perfcap.app.capture_request import named_doubts, uses_masks
 from perfcap.app.inputs import Inputs
-from perfcap.app.masked_frames import given_doubts, order_doubts, partly_masked
+from perfcap.app.masked_frames import given_doubts, missing_masks, order_doubts
 from perfcap.app.true_views import settled
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.detections import Detections
@@ -57,7 +57,7 @@ def made_ready(request: Capture, given: Inputs, everybody: Detections | None) ->
     inputs = told(inputs, [*named_doubts(request, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
     if masks is not None:
-        more = [*partly_masked(inputs, masks), *order_doubts(inputs, masks)]
+        more = [*missing_masks(inputs, masks), *order_doubts(inputs, masks)]
         if request.actor != (AUTO,):  # a body says the same of its own
             more += given_doubts(inputs, masks)
         inputs = told(inputs, more)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from functools import partial
 
-from perfcap.app.body_doubts import outline_doubts, require_person
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
-from perfcap.io.doctor.masks import examine_masks
+from perfcap.errors import InputError
+from perfcap.io.doctor.mask_joints import LEAST_INSIDE, joints_inside
+from perfcap.io.doctor.mask_outlines import MaskedFrames, mask_doubts
+from perfcap.io.doctor.masks import examine_masks, partly_masked
 from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
-from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside, limb_doubts
 
 _LOOKED_AT = 12  # frames
-_FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
 
 
 def masked_frames(
@@ -31,19 +31,28 @@ def masked_frames(
     return chosen, found
 
 
-def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
+def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
+    """Refuse masks that show the person whose joints are detected in no view.
+
+    Raises:
+        InputError: they are empty, inverted, or of somebody else.
+    """
+    shares = joints_inside(chosen.detections, masks.inside)
+    if not bool((shares >= LEAST_INSIDE).any()):
+        told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
+        raise InputError(
+            f"--masks: hold {told} % of the detected joints of the views; expected images that are "
+            "white where the person is, numbered as the frames of the video"
+        )
+
+
+def missing_masks(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """Views of which some frames alone have masks, a sentence each."""
     clip = inputs.clip
     for view, (name, files) in enumerate(zip(clip.names, masks.files, strict=True)):
         rows = clip.file_frames(view).tolist()
         there = {row for row in rows if row >= 0}  # a view that is late has no image of some
-        given = sorted(there & {rows[frame] for frame in files})
-        if given and len(given) < len(there):
-            yield (
-                f"masks of {name}: are given for {len(given)} of {len(there)} frames, {given[0]} "
-                f"to {given[-1]} (counted from 0); those of the others are found in the images"
-                f"{_FROM_ONE if _counts_from_one(given, there) else ''}"
-            )
+        yield from partly_masked(name, sorted(there & {rows[frame] for frame in files}), there)
 
 
 def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
@@ -58,11 +67,6 @@ def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
             yield f"{found.subject}: {found.what}; {found.remedy}"
 
 
-def _counts_from_one(given: Collection[int], there: Collection[int]) -> bool:
-    """Whether masks of all frames but the first are there: their numbers may begin with 1."""
-    return 0 in there and set(given) == set(there) - {0}
-
-
 def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """What a user should know of masks that a capture uses as they are, a sentence each.
 
@@ -71,14 +75,9 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """
     if not masks.complete():
         return
-    clip = inputs.clip
-    chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
-    shares = joints_inside(chosen.detections, found).tolist()
-    yield from limb_doubts(clip.names, chosen.detections, found)
-    for name, share in zip(clip.names, shares, strict=True):
-        if share < LEAST_INSIDE:
-            yield (
-                f"masks of {name}: hold {100 * share:.0f} % of the detected joints; expected those "
-                "of the person, numbered as the frames of the video"
-            )
-    yield from outline_doubts(chosen, found, girths=False)
+    yield from mask_doubts(shown(*masked_frames(inputs, _LOOKED_AT, masks)))
+
+
+def shown(chosen: ChosenFrames, masks: PersonMasks) -> MaskedFrames:
+    """Chosen frames with their masks, as checks look at them."""
+    return MaskedFrames(chosen.clip.names, chosen, chosen.detections, masks.inside)

@@ -16,14 +16,15 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import outline_doubts
 from perfcap.app.body_map import body_map
 from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
-from perfcap.app.masked_frames import masked_frames
+from perfcap.app.masked_frames import masked_frames, shown
 from perfcap.app.measures import save_measures
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
+from perfcap.io.doctor.mask_joints import limb_doubts
+from perfcap.io.doctor.mask_outlines import outline_doubts
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
 from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY
@@ -31,7 +32,6 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
-from perfcap.rigging.mask_checks import limb_doubts
 
 # --- A fitted body drawn over the frames it was fitted to -----------------------------------------
 
@@ -198,8 +198,9 @@ class PersonalBody:
         yield from depth_doubts(self.fit, self._given, option=asked)
         yield from fit_doubts(self.model, self.fit, self._given, option="--")
         if self.masks is not None:
-            yield from limb_doubts(self.chosen.clip.names, self.chosen.detections, self.masks)
-            yield from outline_doubts(self.chosen, self.masks)
+            seen = shown(self.chosen, self.masks)
+            yield from limb_doubts(seen.names, seen.detections, seen.inside)
+            yield from outline_doubts(seen)
 
     @property
     def _given(self) -> FittedTo:

@@ -103,6 +103,14 @@ class Detections(Record):
         height = end_to_end(self.joints2d, seen).where(enough, torch.nan)
         return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
 
+    def box_heights(self) -> Tensor:
+        """Median height of the boxes around all joints that are seen, (C,), pixels; 100 of none."""
+        seen, rows = self.confidence2d > 0, self.joints2d[..., 1]
+        low = rows.masked_fill(~seen, torch.inf).amin(-1)
+        high = rows.masked_fill(~seen, -torch.inf).amax(-1)
+        tall = torch.where((high - low).isfinite(), high - low, torch.nan)
+        return tall.nanmedian(0).values.nan_to_num(100.0).clamp(min=10.0)
+
     def views_with_person(self) -> Tensor:
         """Views of a clip in which anything is detected in any frame, (C,), bool."""
         return (self.confidence2d > 0).any(-1).any(0)

@@ -17,21 +17,14 @@ from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.association import bone_lengths, tracked_bones
 from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
-from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor_check import examine_joints
 from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.agreement import examine_agreement
-from perfcap.io.doctor.fields import examine_fields
-from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
-from perfcap.io.doctor.given_way import examine_way
-from perfcap.io.doctor.halts import examine_halts
 from perfcap.io.doctor.legs import triangulated
-from perfcap.io.doctor.looked import examine_looks
-from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.bone_doubts import bone_doubts
-from perfcap.pipeline.images import Images
+from perfcap.pipeline.image_doubts import image_doubts, mask_sentences
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
 
@@ -81,10 +74,10 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
     Args:
         scene: where they are.
         person: with joints that are finite.
-        looked_at: whether a stage looks at the images.
+        looked_at: whether a stage looks at the images; else they only say whether joints fit.
 
     Raises:
-        InputError: most images of a view are of one color.
+        InputError: most images of a view are of one color, and a stage looks at them.
     """
     cameras, images, joints = scene.cameras, scene.images, person.detections
     told = rate_doubts(scene.rate)
@@ -93,10 +86,11 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
     if images is None or not images.examined:
         found = examine_given(cameras, joints)
         told += _input_sentences(joints, found)
-    if images is not None and looked_at and not images.examined:
-        seen = _image_doubts(images, scene, joints)
+    if images is not None and not images.examined:
+        seen = image_doubts(images, scene, joints, looked_at)
         found += tuple(seen)
         told += tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in seen)
+        told += tuple(mask_sentences(images, scene, joints)) if looked_at else ()
     return Doubts(told, found)
 
 
@@ -215,58 +209,3 @@ def _pairs(off: Tensor, i: int, j: int) -> tuple[tuple[Tensor, Tensor], tuple[Te
 
 def _solved(*people: Person) -> bool:
     return any(each.solve_bones for each in people)
-
-
-# --- Whether images show the person whose joints are given, where nobody has looked yet -----------
-
-_REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
-
-
-def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[Finding]:
-    """Findings of images that show little, or something else.
-
-    Args:
-        images: as they are given to a capture.
-        scene: with C views in pixels of the detections, and everybody in it.
-        detections: of the person, (F, C), of the same frames.
-
-    Raises:
-        InputError: most images of a view are of one color.
-    """
-    names = [f"images of view {view}" for view in range(detections.views)]
-    halts = examine_halts(images.reader, names)  # what wraps videos does not know their repeats
-    images = images.checked()
-    plain = torch.zeros((), dtype=torch.float64)
-    detections = detections.map(Tensor.detach).to(plain)
-    found = examine_blank(images.reader, names)
-    for finding in found:
-        if finding.severity is Severity.ERROR:
-            raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
-    given, shown = (each.map(Tensor.detach).to(plain) for each in (scene.cameras, images.cameras))
-    pixels = _shown_at(given, shown, detections)
-    seen, crowd, everybody = (pixels.numpy(), detections.confidence2d.numpy()), None, None
-    if len(scene.people) > 1:
-        people = [p.detections.finite().map(Tensor.detach).to(plain) for p in scene.people]
-        everybody = (
-            torch.stack([_shown_at(given, shown, each) for each in people]),
-            torch.stack([each.confidence2d for each in people]),
-        )
-        crowd = everybody[0].numpy(), everybody[1].numpy()
-    found += [*halts, *examine_fields(images.reader, names)]
-    take = images.reader, names
-    late: list[Finding] = []
-    if shown.moving:
-        found += examine_way(*take, shown, scene.rate, crowd or seen)
-    elif not given.moving:
-        moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
-        late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
-        found += moved
-    looks = images.reader, detections.confidence2d, pixels, names
-    found += late or examine_looks(*looks, everybody=everybody)
-    return found
-
-
-def _shown_at(given: Camera, shown: Camera, detections: Detections) -> Tensor:
-    """Joints (F, C, 16, 2) in the pixels of the images."""
-    rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
-    return shown.project_camera(rays)

@@ -90,7 +90,8 @@ def capture(
         detections: (F, C, 16).
         rate: frames a second, or the clip that has them.
         config: weights and sizes; the measured defaults when not given.
-        images: the frames that were detected in, for the stages that refine pose and surface.
+        images: the frames that were detected in, for the stages that refine pose and surface;
+            before those, they are only asked whether the joints are theirs.
         until: the last stage to run; all that images, or their absence, allow when not given.
         energies: your own energies by name, see ``Term``: they act in the windows beside the
             others, and ``run.json`` reports their share of every frame.

@@ -77,6 +77,11 @@ class Scene:
                 )
         if not self.people:
             raise InputError("scene: has nobody in it; expected one person or more")
+        if self.images is not None and self.images.masks is not None and len(self.people) > 1:
+            raise InputError(
+                f"scene: images have masks, which are of one person, and there are "
+                f"{len(self.people)}; leave masks out, everybody's are found"
+            )
         shapes = {tuple(each.detections.confidence2d.shape) for each in self.people}
         if len(shapes) > 1:
             raise InputError(

@@ -186,7 +186,7 @@ class _Problem:
         self.height, self.settings = height, settings
         self.actor = model.actor(torch.zeros(0)).to(detections.joints2d)
         self.surface = ShapedPoints.of_surface(model, self.actor)
-        self.unit = 0.01 * extents(detections)
+        self.unit = 0.01 * detections.box_heights()
         self.fixed: Tensor | None = None  # a shape that is known
         self.energies = self._energies(None)
 
@@ -305,14 +305,3 @@ class Stature(Energy[Motion]):
             raise ValueError("Stature needs a motion that shares body; it does not")
         value = motion.shared[BODY] @ self.get_buffer("slope") + self.get_buffer("offset")
         return Residual(value[..., None, None, None].expand(*motion.angles.shape[:-1], 1, 1))
-
-
-def extents(detections: Detections) -> Tensor:
-    """Median height of the box of the joints in each view, (C,) px."""
-    seen = detections.confidence2d > 0
-    rows = detections.joints2d[..., 1]
-    low = rows.masked_fill(~seen, torch.inf).amin(-1)
-    high = rows.masked_fill(~seen, -torch.inf).amax(-1)
-    tall = torch.where((high - low).isfinite(), high - low, torch.nan)
-    found: Tensor = tall.nanmedian(0).values
-    return found.nan_to_num(100.0).clamp(min=10.0)

@@ -17,9 +17,9 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
+from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
 from perfcap.rigging.build_body import Person
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
-from perfcap.rigging.mask_checks import limb_doubts, others_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.setting_checks import require_number
@@ -90,8 +90,8 @@ def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks |
         if each.severity is not Severity.INFO
     ]
     if masks is not None:
-        there = _seen_in(masks, cameras, detections)
-        told += [*others_doubts(names, *there), *limb_doubts(names, *there)]
+        there, own = _seen_in(masks, cameras, detections)
+        told += [*others_doubts(names, there, own.inside), *limb_doubts(names, there, own.inside)]
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 
@@ -119,7 +119,7 @@ def warn_of_result(
     masked = None if masks is None else _seen_in(masks, cameras, detections)
     seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
-    known = set() if masked is None else {*others_doubts(names, *masked)}
+    known = set() if masked is None else {*others_doubts(names, masked[0], masked[1].inside)}
     plain = replace(fit, motion=fit.motion.map(_plain))
     body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
     told = [line for line in fit_doubts(body, plain, given) if line not in known]

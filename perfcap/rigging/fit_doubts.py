@@ -21,8 +21,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.evidence import beside
 from perfcap.io.doctor.finding import ranges
 from perfcap.io.doctor.legs import leg_ratio
+from perfcap.io.doctor.mask_joints import LEAST_INSIDE, joints_inside
 from perfcap.render.projected_mesh import ProjectedMesh
-from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
 from perfcap.rigging.person_masks import PersonMasks
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ def overlap_of(
             missing = float((drawn & ~mask).sum()) / area
             rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
     table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
-    inside = joints_inside(detections, masks)
+    inside = joints_inside(detections, masks.inside)
     return Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
 
 

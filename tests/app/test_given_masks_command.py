@@ -7,12 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
 from runs import Command
-from takes import TakeFiles, write_take
+from takes import TakeFiles, silhouettes, write_take
 from written_files import report
-
-from perfcap.render.projected_mesh import ProjectedMesh
 
 GIVEN = (2, 3, 7)
 FRAMES = 10
@@ -21,15 +18,6 @@ FRAMES = 10
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> TakeFiles:
     return write_take(tmp_path_factory.mktemp("take"), FRAMES)
-
-
-def true_masks(files: TakeFiles) -> list[np.ndarray]:
-    take = files.take
-    faces = torch.as_tensor(take.actor.template.faces.copy())
-    return [
-        ProjectedMesh.seen_by(take.cameras, vertices, faces).rasterize().mask.numpy()
-        for vertices in take.actor.surface(take.truth)
-    ]
 
 
 def write_masks(folder: Path, masks: dict[int, np.ndarray]) -> Path:
@@ -43,7 +31,7 @@ def write_masks(folder: Path, masks: dict[int, np.ndarray]) -> Path:
 def test_given_masks_come_out_as_they_went_in(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
-    truth = true_masks(small)
+    truth = silhouettes(small.take)
     folder = write_masks(tmp_path / "masks", {f: truth[f] for f in GIVEN})
     call = ("--until", "refine_pose", "--segmenter", "none", "--no-overlay")
     done = perfcap(small.command(tmp_path / "out", *call, "--masks", str(folder)))
@@ -62,7 +50,7 @@ def test_given_masks_come_out_as_they_went_in(
 def test_masks_of_something_else_in_some_frames_are_named_and_not_used(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
-    truth = true_masks(small)
+    truth = silhouettes(small.take)
     given = {f: ~truth[f] if f == 7 else truth[f] for f in range(FRAMES)}
     folder = write_masks(tmp_path / "masks", given)
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
@@ -83,7 +71,7 @@ def test_masks_of_all_frames_leave_nothing_to_find(
 
     monkeypatch.setattr("perfcap.segment.sequence.segment", unwanted)
     monkeypatch.setattr("perfcap.pipeline.extract_silhouettes.survey", unwanted)
-    folder = write_masks(tmp_path / "masks", dict(enumerate(true_masks(small))))
+    folder = write_masks(tmp_path / "masks", dict(enumerate(silhouettes(small.take))))
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
     done = perfcap(small.command(tmp_path / "out", *call))
     assert done.code in (0, 3), done
@@ -94,7 +82,7 @@ def test_masks_of_all_frames_leave_nothing_to_find(
 def test_numbers_that_begin_with_1_are_told(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
-    truth = true_masks(small)
+    truth = silhouettes(small.take)
     late = {frame + 1: mask for frame, mask in enumerate(truth[:5])}
     some = {frame: truth[frame] for frame in range(2, 5)}
     for name, masks, expected in (("late", late, True), ("some", some, False)):
@@ -108,7 +96,7 @@ def test_numbers_that_begin_with_1_are_told(
 def test_masks_without_legs_are_told(small: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     for name, share in (("whole", 1.0), ("half", 0.6)):
         masks = {}
-        for frame, mask in enumerate(true_masks(small)[:5]):
+        for frame, mask in enumerate(silhouettes(small.take)[:5]):
             top, *_, bottom = np.flatnonzero(mask.any(1))
             masks[frame] = mask.copy()
             masks[frame][int(top + share * (bottom - top)) + 1 :] = False
@@ -132,7 +120,7 @@ def test_masks_without_legs_are_told(small: TakeFiles, tmp_path: Path, perfcap: 
 def test_masks_of_nobody_are_refused_before_any_solve(
     small: TakeFiles, tmp_path: Path, perfcap: Command, spoil, words: str
 ) -> None:
-    folder = write_masks(tmp_path / "m", {f: spoil(true_masks(small)[f]) for f in GIVEN})
+    folder = write_masks(tmp_path / "m", {f: spoil(silhouettes(small.take)[f]) for f in GIVEN})
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
     assert words in perfcap(small.command(tmp_path / "out", *call)).refused()
 
@@ -141,7 +129,7 @@ def test_masks_of_nobody_are_refused_before_any_solve(
 def test_masks_that_stay_while_the_person_moves_are_told(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
-    truth = true_masks(small)
+    truth = silhouettes(small.take)
     folder = write_masks(tmp_path / "held", {f: truth[min(f, 2)] for f in range(FRAMES)})
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
     done = perfcap(small.command(tmp_path / "out", *call))

@@ -9,9 +9,14 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from perfcap.app.body_doubts import outline_doubts, outline_edges, registration
-from perfcap.app.outline_registration import moved_sentences, register
 from perfcap.detect.detections import Detections
+from perfcap.io.doctor.mask_outlines import (
+    MaskedFrames,
+    outline_doubts,
+    outline_edges,
+    registration,
+)
+from perfcap.io.doctor.moved_outlines import moved_sentences, register
 from perfcap.rigging.fit_doubts import Overlap, mask_doubts
 
 FRAMES, HEIGHT, WIDTH = 4, 260, 200
@@ -51,6 +56,12 @@ def chosen(contrast: float) -> Any:
     )()
 
 
+def shown(inside: torch.Tensor) -> MaskedFrames:
+    """These frames with masks."""
+    given = chosen(80)
+    return MaskedFrames(("front",), given, given.detections, inside)
+
+
 def masks(moved: int = 0) -> Any:
     """Those of the person, larger by some pixels, or smaller."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * abs(moved) + 1,) * 2)
@@ -61,9 +72,9 @@ def masks(moved: int = 0) -> Any:
 
 @pytest.mark.parametrize("moved", [-6, -3, 0, 1, 3, 6, 9])
 def test_where_the_edges_are(moved: int) -> None:
-    (found,) = outline_edges(chosen(80), masks(moved))
+    (found,) = outline_edges(shown(masks(moved).inside))
     assert abs(found.offset - moved) <= 1 and found.clarity > 1.5 and found.size == TALL
-    told = list(outline_doubts(chosen(80), masks(moved)))
+    told = list(outline_doubts(shown(masks(moved).inside)))
     assert len(told) == (abs(moved) > 2)
     if told:
         side, kind = ("outside", "larger") if moved > 0 else ("inside", "smaller")
@@ -104,7 +115,7 @@ def test_masks_of_other_pixels_are_named(
     change: tuple[float, float, float, float], words: tuple[str, ...]
 ) -> None:
     """As of a segmenter's input with borders, resized straight to the video: nothing was said."""
-    told = list(moved_sentences("front", registration(chosen(80), placed(*change), 0, TALL)))
+    told = list(moved_sentences("front", registration(shown(placed(*change).inside), 0, TALL)))
     assert len(told) == bool(words)
     for line in told:
         assert line.startswith("masks of front: would end at the edges")
@@ -135,7 +146,7 @@ def test_masks_of_nothing_are_nowhere_else(same: bool) -> None:
 
 
 def test_what_is_said_of_a_view_has_it() -> None:
-    (line,) = outline_doubts(chosen(80), placed(1.0, 0.9375, 0.0, 0.0))
+    (line,) = outline_doubts(shown(placed(1.0, 0.9375, 0.0, 0.0).inside))
     assert "times as tall; were they resized with borders" in line
 
 
@@ -143,21 +154,21 @@ def test_what_is_said_of_a_view_has_it() -> None:
 def test_how_far_masks_are_off_is_measured(down: int) -> None:
     """In steps of half a hundredth of the person's height."""
     given = placed(1.0, 1.0, 0.0, down)
-    across, along = registration(chosen(80), given, 0, TALL)
+    across, along = registration(shown(given.inside), 0, TALL)
     assert abs(along.shift + down / TALL) < 0.012 and along.moved and not across.moved
 
 
 def test_boxes_end_at_no_edges() -> None:
     boxes = torch.zeros(FRAMES, 1, HEIGHT, WIDTH, dtype=torch.bool)
     boxes[..., 10:250, 30:170] = True
-    (line,) = outline_doubts(chosen(80), SimpleNamespace(inside=boxes))  # type: ignore[arg-type]
+    (line,) = outline_doubts(shown(boxes))
     assert "end at no edges" in line
 
 
 @pytest.mark.parametrize("value", [False, True])
 def test_masks_of_nothing_and_of_all_say_nothing_of_edges(value: bool) -> None:
     same = torch.full((FRAMES, 1, HEIGHT, WIDTH), value)
-    (found,) = outline_edges(chosen(80), SimpleNamespace(inside=same))  # type: ignore[arg-type]
+    (found,) = outline_edges(shown(same))
     assert found.offset == 0
 
 

@@ -21,6 +21,7 @@ from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.trust import THRESHOLD
 
 FRAMES, FROM = 60, 40
@@ -156,9 +157,24 @@ def test_joints_that_images_contradict_are_doubted(late: int, other: bool, words
     person = Person(make_take(1).actor, seen)
     scene = Scene(rig.cameras, (person,), clip.fps, Images(clip, rig.cameras))
     told = scene_doubts(scene, person, looked_at=True)
+    unseen = scene_doubts(scene, person, looked_at=False)  # no stage does, but images are there
+    assert unseen.sentences == told.sentences and unseen.findings == told.findings
     assert (words in " ".join(told.sentences)) and bool(told.findings) == bool(words)
     doubted = doubting(seen, told.findings).doubted
     assert not words if doubted is None else bool(doubted[late:].all())
+
+
+@pytest.mark.long
+def test_images_that_no_stage_looks_at_say_where_joints_are_wrong() -> None:
+    """``until=Stage.TRACK_MOTION`` was silent: 174 mm off where 63 is right."""
+    demo = models_folder() / "demo"
+    clip, rig = Clip.open(demo / "video.mp4"), read_cameras(demo / "camera.json")
+    seen, _ = read_detections([demo / "detections.npz"], views=rig.names)
+    late = seen.frames((torch.arange(seen.frame_count) - 8).clamp(min=0)).without_poses()
+    shown = Images(clip, rig.cameras)
+    given = make_take(1).actor, rig.cameras, late, clip.fps
+    found = capture(*given, images=shown, until=Stage.INITIALIZE)
+    assert any("frames late" in line for line in found.warnings)
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
-from perfcap.rigging.mask_checks import limb_doubts
+from perfcap.io.doctor.mask_joints import limb_doubts
 from perfcap.rigging.person_masks import PersonMasks
 
 CROWN, NECK = LANDMARKS.index("head_top"), LANDMARKS.index("neck")
@@ -47,11 +47,9 @@ def without_top(inside: Tensor, share: float) -> Tensor:
 
 
 def said(view: View, inside: Tensor, joints: Tensor | None = None) -> str:
-    cameras, detections, _ = view
+    _, detections, _ = view
     given = detections if joints is None else replace(detections, joints2d=joints)
-    return " ".join(
-        limb_doubts(["v"], given.frames(slice(len(inside))), PersonMasks(cameras, inside))
-    )
+    return " ".join(limb_doubts(["v"], given.frames(slice(len(inside))), inside))
 
 
 def test_heads_that_are_cut_off_are_named(view: View) -> None:
@@ -63,7 +61,7 @@ def test_heads_that_are_cut_off_are_named(view: View) -> None:
     assert "the head, r_ankle" in said(view, without_top(whole, 0.13) & ~without_top(whole, 0.9))
     small = PersonMasks(view[0], whole.double()).shrunk(2)
     halves = replace(view[1], joints2d=(view[1].joints2d - 0.5) / 2)
-    assert not list(limb_doubts(["v"], halves, small))
+    assert not list(limb_doubts(["v"], halves, small.inside))
 
 
 def test_few_frames_say_nothing_of_hair(view: View) -> None:
@@ -123,12 +121,12 @@ def from_above(model: BodyModel, tilt: float) -> Iterator[str]:
     turn = torch.tensor([tilt, 0.0, 0.0]).to(four.rotation)
     leaning = replace(four, rotation=turn.expand_as(four.rotation), shared=motion.shared)
     detections, inside = seen(model, leaning, cameras)
-    return limb_doubts(["v"], detections, PersonMasks(cameras, inside))
+    return limb_doubts(["v"], detections, inside)
 
 
 def test_shoes_that_are_cut_off_are_named(view: View) -> None:
     """Toes of right masks lie at their edges, and a single one may lie outside."""
-    cameras, detections, inside = view
+    _, detections, inside = view
     bare = inside.clone()
     rows, columns = torch.meshgrid(*map(torch.arange, inside.shape[-2:]), indexing="ij")
     pixels = torch.stack((columns, rows), -1).to(detections.joints2d)
@@ -143,4 +141,4 @@ def test_shoes_that_are_cut_off_are_named(view: View) -> None:
     beside = detections.joints2d.clone()
     beside[..., LANDMARKS.index("l_toe"), 0] += 25  # one toe, whatever the mask
     assert said(view, inside, beside) == ""
-    assert list(limb_doubts(["v"], detections, PersonMasks(cameras, inside))) == []
+    assert list(limb_doubts(["v"], detections, inside)) == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 
 import cv2
 import numpy as np
@@ -23,6 +23,8 @@ _LEFT = 0.3  # share of it that masks of other frames may leave
 _MOVED = 0.04  # of the height, by which joints move while masks stay the same
 _REACH = 5  # frames before and after one, within which the person moves
 _OFTEN = 0.3  # share of masks that repeat; of a video taken from 25 to 30 frames a second, 0.17
+
+_FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
 
 Mask = NDArray[np.bool_]
 Reader = Callable[[int], "Mask | None"]
@@ -69,6 +71,24 @@ def examine_masks(
         remedy = "number each as the frame of the video that it was made of, from 0"
         findings.append(Finding(Severity.WARNING, f"masks of {name}", what, remedy))
     return findings
+
+
+def partly_masked(name: str, given: Collection[int], there: Collection[int]) -> Iterator[str]:
+    """A sentence about a view of which some frames alone have masks.
+
+    Args:
+        name: of the view.
+        given: numbers of the frames that have one, increasing.
+        there: of all frames that have an image.
+    """
+    if not given or len(given) == len(there):
+        return
+    from_one = 0 in there and set(given) == set(there) - {0}
+    yield (
+        f"masks of {name}: are given for {len(given)} of {len(there)} frames, {min(given)} to "
+        f"{max(given)} (counted from 0); those of the others are found in the images"
+        f"{_FROM_ONE if from_one else ''}"
+    )
 
 
 def _starts(count: int) -> int:

@@ -1,39 +1,19 @@
-"""Whether masks are of the person who is detected, and end where the images have edges."""
+"""Whether masks end where the images have edges: too large or small, boxes, of another video."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
-from perfcap.app.fit_views import ChosenFrames
-from perfcap.app.outline_registration import Registration, moved_sentences, register
-from perfcap.errors import InputError
-from perfcap.rigging import PersonMasks
-from perfcap.rigging.fit_body import extents
-from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
-
-
-def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
-    """Refuse masks that show the person whose joints are detected in no view.
-
-    Raises:
-        InputError: they are empty, inverted, or of somebody else.
-    """
-    shares = joints_inside(chosen.detections, masks)
-    if not bool((shares >= LEAST_INSIDE).any()):
-        told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
-        raise InputError(
-            f"--masks: hold {told} % of the detected joints of the views; expected images that are "
-            "white where the person is, numbered as the frames of the video"
-        )
-
-
-# --------------------------------------------------------------------------------------------------
-# Whether masks end where the images have edges: too large, too small, boxes, of another video.
+from perfcap.detect.detections import Detections
+from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
+from perfcap.io.doctor.moved_outlines import Registration, moved_sentences, register
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +22,40 @@ _OFF = 0.008  # of it: how far they may lie from the outline, 1.5 cm
 _LEAST = 1.5  # px, likewise
 _CLEAR = 1.5  # times the usual gradient; sound masks have 2.2 to 5.4
 _BLUR = 1.0  # px
+
+
+class ImageReader(Protocol):
+    """Images of views."""
+
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+        """RGB images of a view, (stop - start, H, W, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MaskedFrames:
+    """Some frames that have masks in every view.
+
+    Attributes:
+        names: of the C views.
+        reader: of their F images.
+        detections: (F, C), in pixels of the images.
+        inside: where the masks are, (F, C, H, W), bool or 0 to 1; those of smaller views padded.
+    """
+
+    names: Sequence[str]
+    reader: ImageReader
+    detections: Detections
+    inside: Tensor
+
+
+def mask_doubts(shown: MaskedFrames) -> Iterator[str]:
+    """Sentences about views whose masks a surface should not follow: whose are they, where do they
+    end?
+    """
+    given = shown.names, shown.detections, shown.inside
+    yield from limb_doubts(*given)
+    yield from others_doubts(*given, numbered=True)
+    yield from outline_doubts(shown, girths=False)
 
 
 @dataclass(frozen=True)
@@ -59,18 +73,15 @@ class OutlineEdges:
     size: float
 
 
-def outline_doubts(
-    chosen: ChosenFrames, masks: PersonMasks, *, girths: bool = True
-) -> Iterator[str]:
+def outline_doubts(shown: MaskedFrames, *, girths: bool = True) -> Iterator[str]:
     """Sentences about views whose masks do not end at edges of the images.
 
     Args:
-        chosen: the frames.
-        masks: theirs.
+        shown: the frames.
         girths: whether those of a body follow the masks; else it is a surface.
     """
-    for view, found in enumerate(outline_edges(chosen, masks)):
-        name, off = chosen.clip.names[view], abs(found.offset)
+    for view, found in enumerate(outline_edges(shown)):
+        name, off = shown.names[view], abs(found.offset)
         if found.clarity < _CLEAR:
             follows = "Girths follow them" if girths else "The surface follows them"
             yield (
@@ -88,26 +99,24 @@ def outline_doubts(
                 "masks that end where the person does"
             )
         else:
-            yield from moved_sentences(name, registration(chosen, masks, view, found.size))
+            yield from moved_sentences(name, registration(shown, view, found.size))
 
 
-def registration(
-    chosen: ChosenFrames, masks: PersonMasks, view: int, size: float
-) -> tuple[Registration, Registration]:
+def registration(shown: MaskedFrames, view: int, size: float) -> tuple[Registration, Registration]:
     """How masks of a view would fit its images better, across and down."""
-    return register(_frames(chosen, masks, view), size)
+    return register(_frames(shown, view), size)
 
 
-def outline_edges(chosen: ChosenFrames, masks: PersonMasks) -> list[OutlineEdges]:
+def outline_edges(shown: MaskedFrames) -> list[OutlineEdges]:
     """For each view, where the images have their edges as seen from the outlines."""
-    sizes = extents(chosen.detections).tolist()
-    return [_of_view(chosen, masks, view, size) for view, size in enumerate(sizes)]
+    sizes = shown.detections.box_heights().tolist()
+    return [_of_view(shown, view, size) for view, size in enumerate(sizes)]
 
 
-def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -> OutlineEdges:
+def _of_view(shown: MaskedFrames, view: int, size: float) -> OutlineEdges:
     reach = max(4, round(_REACH * size))
     total, count = np.zeros(2 * reach), np.zeros(2 * reach)
-    for image, mask in _frames(chosen, masks, view):
+    for image, mask in _frames(shown, view):
         if mask.any() and not mask.all():
             # pixels of straight outlines lie at halves of a pixel: one row of them to a bin
             depth = np.floor(_depth(mask)).astype(np.int64)
@@ -124,13 +133,13 @@ def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -
 
 
 def _frames(
-    chosen: ChosenFrames, masks: PersonMasks, view: int
+    shown: MaskedFrames, view: int
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
     """Images and masks of a view."""
-    for frame in range(len(chosen)):
-        image = chosen.read_view(view, frame, frame + 1)[0]
+    for frame in range(len(shown.inside)):
+        image = shown.reader.read_view(view, frame, frame + 1)[0]
         height, width = image.shape[:2]
-        yield image, masks.inside[frame, view, :height, :width].numpy() > 0.5
+        yield image, shown.inside[frame, view, :height, :width].numpy() > 0.5
 
 
 def _depth(mask: NDArray[np.bool_]) -> Floats:
