@@ -12,7 +12,6 @@ from typing import Any
 
 import torch
 import yaml
-from torch import Tensor
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
@@ -24,7 +23,6 @@ from perfcap.app.together import level_rigs, on_their_floors
 from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import find_actor, load_actor
@@ -45,20 +43,14 @@ from perfcap.io.result_folder import (
 )
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, leg_length
-from perfcap.pipeline.motion_leaps import turn_doubts
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
+from perfcap.pipeline.retarget_doubts import retarget_doubts
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
 from perfcap.pipeline.surroundings import axis
 
 _LOG = logging.getLogger(__name__)
-_FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
-_NECKS = 5.0  # degrees more of trunks, whose necks are drawn elsewhere: up to 13 in recordings
-_OFF_FLOOR = 0.5  # m
-_LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
-_HASTE = 0.98  # of the speed that hinges of robots may have
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
@@ -163,7 +155,7 @@ def _solved(
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", UserWarning)
         try:
-            found = retarget(rig.actor, joints, target, rig.rate, config, scale)
+            found = retarget(rig.actor, joints, target, rig.rate, config, scale, examined=True)
         finally:  # what is odd about the motion may be why it is refused
             notes = tuple(str(each.message) for each in told if each.category is UserWarning)
             for note in notes:
@@ -225,63 +217,11 @@ def _about(request: Retarget) -> dict[str, Any]:
 
 def _doubts(part: _Part) -> Iterator[str]:
     """What no person does, and what no person can have done on this figure."""
-    kept, rate = part.scores.report(), part.rig.rate
-    robot = bool(part.target.skeleton.rig.roles)
-    speeds = hip_speed(part.found.motion, rate).tolist()
-    if kept["limbs_degrees"]["q95"] > _FAR_OFF:
-        yield (
-            "limbs are far from the source's in some frames; check its bones (--source-mapping) "
-            "and the order of its rotations"
-            + (", and axes and limits of the robot's joints" if robot else "")
-        )
-    if not robot:
-        yield from rest_doubts(part.scores)
-    if max(speeds, default=0.0) > FASTEST:
-        yield (
-            f"the hips move at {max(speeds):.0f} m/s, faster than any runner; check the unit of "
-            "the source's places, and whether it jumps"
-        )
-    yield from turn_doubts(part.found.motion.rotation, rate, part.rig.frames.tolist())
-    yield from places_doubts(part.target.joints(part.found.motion))
-    speed = rate * part.found.motion.angles.diff(dim=0).abs().amax(1).rad2deg()
-    fast = (speed > _HASTE * RetargetConfig().speed).nonzero().flatten().tolist()
-    if robot and fast:
-        yield (
-            f"hinges turn at {float(speed.max()):.0f} degrees a second in {len(fast)} frames, "
-            f"first in frame {int(part.rig.frames[fast[0] + 1])}: limits leave no short way "
-            "between two poses, and limbs are off meanwhile"
-        )
-    if not _RATES[0] <= rate <= _RATES[1]:
-        yield f"the source runs at {rate:.4g} frames a second; check its frame time"
-
-
-def rest_doubts(scores: RetargetScores) -> Iterator[str]:
-    """What is odd about how a figure bears itself, as against the source."""
-    aside, lean = float(scores.facing.median()), float(scores.trunk.median())
-    if max(aside, lean - _NECKS) > _FAR_OFF:
-        yield (
-            f"hips and shoulders are {aside:.0f} degrees and the trunk is {lean:.0f} degrees off "
-            "the source's in half of the frames; stand the character, or the source's skeleton, "
-            "upright and facing ahead in its rest pose"
-        )
-
-
-def places_doubts(joints: Tensor) -> Iterator[str]:
-    """What is odd about where joints (F, 16, 3) are in a world with y up and its floor at 0."""
-    least = float(joints[..., 1].amin(-1).median())
-    if abs(least) > _OFF_FLOOR:
-        where = "above" if least > 0 else "below"
-        yield (
-            f"the person is {abs(least):.2g} m {where} the floor in half of the frames; check the "
-            "unit of the source's places against that of its bones"
-        )
-    trunk = joints[:, LANDMARKS.index("neck")] - mid_hip(joints)
-    leaning = trunk[:, 1] < _LYING * trunk.norm(dim=-1)
-    if leaning.double().mean() > _MOSTLY:
-        yield (
-            "the person lies, or stands on their head, in nearly all frames; check which axis is "
-            "up in the source's motion"
-        )
+    numbers = part.rig.frames.tolist()
+    came = part.target, part.found, part.scores, part.rig.rate, numbers
+    yield from retarget_doubts(*came, mapping="--source-mapping")
+    if not _RATES[0] <= part.rig.rate <= _RATES[1]:
+        yield f"the source runs at {part.rig.rate:.4g} frames a second; check its frame time"
 
 
 def _tell(folder: Path, parts: Sequence[_Part]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -21,7 +21,9 @@ from perfcap.pipeline.joint_motion import (
     person_joints,
     unit_vectors,
 )
-from perfcap.pipeline.retargeting import Retargeted
+
+if TYPE_CHECKING:
+    from perfcap.pipeline.retargeting import Retargeted
 
 _FEET = ("r_ankle", "r_toe", "l_ankle", "l_toe")
 _ACROSS = (("r_hip", "l_hip"), ("r_shoulder", "l_shoulder"))

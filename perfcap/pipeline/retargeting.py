@@ -43,7 +43,9 @@ from perfcap.pipeline.motion_order import order_doubts
 from perfcap.pipeline.objective import angle_bounds, soft_edge
 from perfcap.pipeline.place_units import place_doubts
 from perfcap.pipeline.pose_paths import Pace, in_turn, paced
+from perfcap.pipeline.retarget_doubts import retarget_doubts
 from perfcap.pipeline.retarget_rows import Rows
+from perfcap.pipeline.retarget_scores import retarget_scores
 from perfcap.pipeline.stances import contact_probability
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.pipeline.track_motion import MotionBlender
@@ -84,6 +86,8 @@ def retarget(
     rate: float,
     config: RetargetConfig | None = None,
     scale: float | None = None,
+    *,
+    examined: bool = False,
 ) -> Retargeted:
     """The motion of a source on a target of another build and rest pose.
 
@@ -95,6 +99,8 @@ def retarget(
         config: what is to be kept how well.
         scale: of the way of the hips; the ratio of the legs if None. People who are to stay
             together need the same.
+        examined: whether the caller looks at what came of it; else what is odd is warned of, see
+            ``retarget_doubts``.
 
     Raises:
         InputError: the rate, the scale or a setting is none, or joints are in another unit.
@@ -110,6 +116,24 @@ def retarget(
     for line in (*rate_doubts(rate), *doubts):
         warnings.warn(f"retarget: {line}", stacklevel=2)
     scale = leg_length(target) / leg_length(source) if scale is None else scale
+    found = _carried(source, joints, target, rate, config, scale)
+    if not examined:
+        scores = retarget_scores(source, joints, target, found, rate)
+        came = target, found, scores, rate, range(found.motion.frames)
+        for line in retarget_doubts(*came, grounded=config.contact.enabled):
+            warnings.warn(f"retarget: {line}", stacklevel=2)
+    return found
+
+
+def _carried(
+    source: Actor,
+    joints: JointMotion,
+    target: Actor,
+    rate: float,
+    config: RetargetConfig,
+    scale: float,
+) -> Retargeted:
+    """The motion, on the floor if there is one."""
     wanted = wanted_turns(source, joints, target.skeleton)
     begun = _placed(source, joints, target, wanted, scale)
     floor, sure = _contacts(source, joints, rate)

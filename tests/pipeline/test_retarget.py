@@ -187,7 +187,7 @@ def test_joints_of_other_shapes_and_units_are_refused() -> None:
         retarget(PERSON, JointMotion(rotation, 1000 * position), PERSON, 30.0, FREE)
     turned = rotvec_to_matrix(torch.tensor([0.0, 0.0, 1.2], dtype=F64)) @ rotation
     with pytest.warns(UserWarning, match="rotations take the source's limbs"):
-        retarget(PERSON, JointMotion(turned, position), PERSON, 30.0, FREE)
+        retarget(PERSON, JointMotion(turned, position), PERSON, 30.0, FREE, examined=True)
 
 
 def test_hands_are_kept_together_the_more_the_nearer_they_are() -> None:
@@ -213,11 +213,12 @@ def test_turns_sizes_and_worlds_of_something_else() -> None:
         with pytest.raises(InputError, match="rotation holds matrices that are none"):
             JointMotion(wrong, joints.position)
     with pytest.warns(UserWarning, match="limbs are 2 times as long as the source's"):
-        retarget(PERSON, replace(joints, position=2 * joints.position), PERSON, 30.0, FREE)
+        larger = replace(joints, position=2 * joints.position)
+        retarget(PERSON, larger, PERSON, 30.0, FREE, examined=True)
     turn = rotvec_to_matrix(torch.tensor([torch.pi / 2, 0.0, 0.0], dtype=F64))
     z_up = JointMotion(turn @ joints.rotation, joints.position @ turn.mT)
     with pytest.warns(UserWarning, match="the person lies in nearly all frames"):
-        retarget(PERSON, z_up, PERSON, 30.0, FREE)
+        retarget(PERSON, z_up, PERSON, 30.0, FREE, examined=True)
     with pytest.raises(InputError, match="joints is a Actor, expected a JointMotion"):
         retarget(PERSON, PERSON, joints, 30.0, FREE)  # type: ignore[arg-type]
 
@@ -246,7 +247,7 @@ def test_frames_that_do_not_follow_one_another(mistake: str) -> None:
     moved = JointMotion(joints.rotation[order], joints.position[order])
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        retarget(PERSON, moved, PERSON, 30.0, FREE)
+        retarget(PERSON, moved, PERSON, 30.0, FREE, examined=True)
     lines = [str(each.message) for each in told]
     assert len(lines) == (mistake != "none") and all(words in line for line in lines), lines
 
@@ -279,3 +280,15 @@ def test_a_world_that_leans_is_told(degrees: float) -> None:
         warnings.simplefilter("always")
         retarget(PERSON, turned, PERSON, 30.0)
     assert any("floor that leans by" in str(each.message) for each in told) == bool(degrees)
+
+
+@pytest.mark.parametrize("examined", [False, True])
+def test_what_came_of_it_is_looked_at(examined: bool) -> None:
+    """As the command does: in Python hips of 26 m/s and limbs elsewhere were silent."""
+    joints = joints_of(PERSON, walk(PERSON))
+    leap = joints.position.clone()
+    leap[30:, :, 0] += 2.0
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        retarget(PERSON, replace(joints, position=leap), PERSON, 30.0, examined=examined)
+    assert any("faster than any runner" in str(each.message) for each in told) != examined
