@@ -93,8 +93,6 @@ def body_of(person: Person, body: str, name: str | None) -> tuple[Actor, str, Me
     model = load_body_model(body)
     built = build_body(model, person)
     print_measures(built.measurements, weight=built.weight)
-    for line in built.doubts(person):
-        _LOG.warning("%s", line)
     template = replace(built.template, name=name or model.rig.name).rounded()
     require_sound(Path(body), examine_actor(template))
     return Actor(template), model.rig.licence, built.measurements

@@ -13,7 +13,6 @@ from typing import Any
 
 import torch
 import yaml
-from torch import Tensor
 
 from perfcap.app.auto_actor import Cast
 from perfcap.app.capture_request import describe, environment, networks_of
@@ -39,7 +38,6 @@ from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import plain, write_result
-from perfcap.pipeline.surroundings import upright_together
 
 
 @dataclass(frozen=True)
@@ -80,9 +78,8 @@ def write_scene(
     """
     inputs = scene.inputs
     about = environment(inputs)
-    up = upright_together([performance.joints() for performance in scene.people])
     for number in range(1, len(scene.people) + 1):
-        _write_person(request, folder, scene, number, {**about, "person": number}, up)
+        _write_person(request, folder, scene, number, {**about, "person": number})
     names = [person_folder(number) for number in range(1, len(scene.people) + 1)]
     merge_characters(folder / SCENE, {name: folder / name / "capture.glb" for name in names})
     if any(networks_of(request)):
@@ -107,7 +104,6 @@ def _write_person(
     scene: CapturedScene,
     number: int,
     about: Mapping[str, Any],
-    up: Tensor,
 ) -> None:
     """A result as of this person alone: their actor, their detections beside it."""
     inputs, performance = scene.inputs, scene.people[number - 1]
@@ -122,7 +118,7 @@ def _write_person(
         "out": str(request.folder / person_folder(number)),
     }
     run = {"request": own, **about}
-    write_result(performance, place, inputs.clip.start, run, inputs.rig.names, up)
+    write_result(performance, place, inputs.clip.start, run, inputs.rig.names)
 
 
 def _write_masks(folder: Path, scene: CapturedScene) -> None:

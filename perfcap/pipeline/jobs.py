@@ -29,6 +29,7 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import ImageJob, Moving, StageContext
 from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surroundings import axis, upright_axis, upright_together
 from perfcap.rates import Timed, frame_rate
 
 
@@ -174,7 +175,25 @@ def _capture_scene(
         for each, more in zip(moved, exchanged_actors(scene), strict=True)
     ]
     stage = partial(shared_stage, [each.clock for each in moved], tell)
-    return tuple(_looked(moved, stage, workers, kept))
+    return _with_up(tuple(_looked(moved, stage, workers, kept)), level, up)
+
+
+def _with_up(
+    people: tuple[Performance, ...], level: bool, up: Tensor | None
+) -> tuple[Performance, ...]:
+    """The same with the axis that is up, where more is known than how each person lies or stands.
+
+    Files of somebody who lies would otherwise be turned until they stood, each of a scene alone.
+    """
+    if level:  # the result's own world, whatever was known of that of the cameras
+        known = axis("y")
+    elif up is not None:
+        known = upright_axis(up.detach())
+    elif len(people) > 1:
+        known = upright_together([each.joints() for each in people])
+    else:
+        return people
+    return tuple(replace(each, up=known.to(each.detections.joints2d)) for each in people)
 
 
 def _looked(

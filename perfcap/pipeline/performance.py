@@ -131,6 +131,8 @@ class Performance:
         floor: that feet stand on, where they do.
         contact: probability that the left and the right foot stand, (F, 2), likewise.
         trust: how far each frame can be trusted.
+        up: axis of the world, or its opposite, that points up, (3,), where it is known or everybody
+            in a scene tells it together; None for the one along which the person stands.
     """
 
     actor: Actor
@@ -151,6 +153,7 @@ class Performance:
     floor: Floor | None = None
     contact: Tensor | None = None
     trust: Trust | None = None
+    up: Tensor | None = None
 
     def __post_init__(self) -> None:
         counts = {"motion": self.frames}
@@ -203,6 +206,7 @@ class Performance:
             motion=self.motion.to(like),
             contact=None if self.contact is None else self.contact.to(like),
             bone_scales=None if self.bone_scales is None else self.bone_scales.to(like),
+            up=None if self.up is None else self.up.to(like),
         )
 
     @property

@@ -50,7 +50,7 @@ def write_result(
         first_frame: number of the motion's first frame in the video.
         run: what the caller knows about the run, added to run.json.
         view_names: of the views, for folders of masks where there are several.
-        up: of the world, (3,); the axis along which the person stands if None.
+        up: of the world, (3,); the performance's own if None.
         view_frames: numbers of the frames in the video of each view, C of F, for masks, where a
             view is late; below 0 where it has none.
 
@@ -61,6 +61,7 @@ def write_result(
     known = identity(performance, first_frame, settings)
     _write_motion(performance, folder / MOTION, first_frame, known)
     transforms, template = performance.bone_transforms(), performance.actor.template
+    up = performance.up if up is None else up
     up = upright(performance.joints()) if up is None else up
     turn = _array(turn_to_y(up.detach().cpu().double()))
     level = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ transforms

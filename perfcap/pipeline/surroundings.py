@@ -78,10 +78,14 @@ def upright(joints: Tensor, level: bool = False) -> Tensor:
     """
     if level:
         return axis("y").to(joints)
-    body = (joints[:, _HEAD] - joints[:, _ANKLES].mean(1)).mean(0)
-    along = body.abs().argmax()
-    up = torch.zeros_like(body)
-    up[along] = torch.sign(body[along]) if body[along] != 0 else 1.0
+    return upright_axis((joints[:, _HEAD] - joints[:, _ANKLES].mean(1)).mean(0))
+
+
+def upright_axis(direction: Tensor) -> Tensor:
+    """The world axis, or its opposite, that is nearest to a direction (3,), (3,)."""
+    along = direction.abs().argmax()
+    up = torch.zeros_like(direction)
+    up[along] = torch.sign(direction[along]) if direction[along] != 0 else 1.0
     return up
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 
@@ -18,6 +19,8 @@ from perfcap.errors import InputError
 # --- What bodies of a model measure, as a function of their coefficients of shape -----------------
 
 Floats = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
 
 DENSITY = 985.0  # kg per cubic metre, of a body with half-filled lungs
 LENGTHS = tuple(field.name for field in fields(Measurements))
@@ -171,7 +174,8 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
     """The likeliest body that has what is known of a person.
 
     Gauss-Newton on the coefficients of shape: squared misses in tolerances, and one for each
-    squared deviation. Values that contradict each other are met as nearly as people come.
+    squared deviation. Values that contradict each other are met as nearly as people come, and a
+    warning is logged: see ``BuiltBody.doubts``.
 
     Raises:
         InputError: the model does not know an attribute that is asked for.
@@ -205,4 +209,7 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
     full[:count] = torch.from_numpy(shape)
     template = model.template(full)
     weight = mass(template.vertices, template.faces)
-    return BuiltBody(template, full, measure(template), weight, missed)
+    built = BuiltBody(template, full, measure(template), weight, missed)
+    for line in built.doubts(person):
+        _LOG.warning("%s", line)
+    return built

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
-from takes import make_take
+from takes import detect, make_take
 
 from perfcap.io.bvh_read import joint_positions, load_bvh
 from perfcap.io.gltf_clip import sample_clip
@@ -16,11 +17,11 @@ from perfcap.io.gltf_read import load_template, read_character
 from perfcap.io.gltf_scene import read_tree
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import read_result
-from perfcap.pipeline import CaptureConfig
+from perfcap.pipeline import CaptureConfig, Person, Scene, Stage, capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
-from perfcap.pipeline.surroundings import axis
+from perfcap.pipeline.surroundings import axis, upright
 
 FRAMES = 9
 WORLDS = {
@@ -94,3 +95,42 @@ def test_up_may_be_known_of_somebody_who_lies(tmp_path: Path) -> None:
     assert not any("extras" in nodes[number] for number in scene["nodes"])
     bones = (lying.bone_transforms() @ lying.actor.template.bone_rest)[..., :3, 3]
     assert np.abs(played(tmp_path / "capture.glb") - bones).max() < 1e-5
+
+
+def given(body: Performance) -> Person:
+    """Somebody with exact detections of where they are."""
+    return Person(body.actor, detect(body.actor, body.cameras, body.motion))
+
+
+def test_people_of_one_scene_have_one_up(tmp_path: Path) -> None:
+    """Whoever lay beside others was saved standing, in a world turned aside from theirs."""
+    standing, lying = (performance(WORLDS[up]) for up in "yz")
+    away = lying.motion.translation + torch.tensor([2.0, 0.0, 0.0])  # nobody is in anybody
+    lying = replace(lying, motion=replace(lying.motion, translation=away), surface=None)
+    scene = Scene(standing.cameras, (given(standing), given(lying)), standing.rate)
+    with torch.no_grad():
+        found = capture(scene, until=Stage.INITIALIZE)
+    assert upright(found[1].joints())[1] == 0
+    for each in found:
+        assert each.up is not None and each.up.tolist() == [0, 1, 0]
+    found[1].save(tmp_path)
+    assert not turned(tmp_path / "capture.glb")
+
+
+@pytest.mark.parametrize("about", [{"level": True}, {"up": torch.tensor([0.2, 1.0, 0.1])}])
+def test_what_is_known_of_up_is_kept(about: dict[str, Any]) -> None:
+    body = performance(WORLDS["y"])
+    person = given(body)
+    parts = body.cameras, person.detections, body.rate
+    with torch.no_grad():
+        found = capture(body.actor, *parts, until=Stage.INITIALIZE, **about)
+    assert found.up is not None and found.up.tolist() == [0, 1, 0]
+    assert found.to(torch.zeros(1)).up is not None
+    assert capture(body.actor, *parts, until=Stage.INITIALIZE).up is None
+
+
+def turned(path: Path) -> bool:
+    """Whether a scene has a node above its bones that turns them."""
+    tree = open_document(path).tree
+    (scene,) = tree["scenes"]
+    return any("extras" in tree["nodes"][number] for number in scene["nodes"])

@@ -72,3 +72,14 @@ def test_a_waist_that_was_measured_across_is_told(model: BodyModel) -> None:
         person = Person(height=1.75, waist=waist)
         doubts = " ".join(build_body(model, person).doubts(person))
         assert words in doubts and bool(words) == bool(doubts)
+
+
+def test_what_a_body_misses_is_logged(
+    model: BodyModel, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Callers in Python had a waist 0.47 m smaller than was asked for, with no word."""
+    monkeypatch.setitem(build_body.__globals__, "_ROUNDS", 1)  # the module has the function's name
+    person = Person(chest=0.5, waist=1.0)
+    built = build_body(model, person)
+    assert [record.message for record in caplog.records] == list(built.doubts(person))
+    assert caplog.records and "was asked for" in caplog.text
