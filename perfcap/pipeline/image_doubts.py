@@ -50,9 +50,9 @@ def image_doubts(
     names = [f"images of view {view}" for view in range(detections.views)]
     halts = examine_halts(images.reader, names)  # what wraps videos does not know their repeats
     images, detections = images.checked(), _plain(detections)
-    found = examine_blank(images.reader, names)
+    found = examine_blank(images.reader, names) if looked_at else []
     for finding in found:
-        if looked_at and finding.severity is Severity.ERROR:
+        if finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
     given, shown = _plain(scene.cameras), _plain(images.cameras)
     pixels = _shown_at(given, shown, detections)

@@ -17,6 +17,7 @@ from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.association import bone_lengths, tracked_bones
 from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor_check import examine_joints
 from perfcap.io.doctor import Finding, Severity
@@ -25,6 +26,7 @@ from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.legs import triangulated
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.image_doubts import image_doubts, mask_sentences
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
 
@@ -87,11 +89,21 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
         found = examine_given(cameras, joints)
         told += _input_sentences(joints, found)
     if images is not None and not images.examined:
-        seen = image_doubts(images, scene, joints, looked_at)
-        found += tuple(seen)
-        told += tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in seen)
-        told += tuple(mask_sentences(images, scene, joints)) if looked_at else ()
+        seen = _of_images(images, scene, joints, looked_at)
+        told, found = told + seen.sentences, found + seen.findings
     return Doubts(told, found)
+
+
+def _of_images(images: Images, scene: Scene, joints: Detections, looked_at: bool) -> Doubts:
+    """What images and their masks say; those that no stage looks at refuse nothing."""
+    try:
+        found = tuple(image_doubts(images, scene, joints, looked_at))
+    except InputError as error:
+        if looked_at:
+            raise
+        return Doubts((str(error),), ())
+    told = tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
+    return Doubts(told + (tuple(mask_sentences(images, scene, joints)) if looked_at else ()), found)
 
 
 def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:

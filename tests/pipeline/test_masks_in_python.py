@@ -12,6 +12,7 @@ from takes import Take, TakeFiles, silhouettes, write_take
 from perfcap.errors import InputError
 from perfcap.pipeline.image_doubts import mask_sentences
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.people import Person, Scene
 
 FRAMES = 24
@@ -100,6 +101,17 @@ def test_views_that_are_late_lack_images(take: Take, truth: list[np.ndarray]) ->
     images = Images(Painted.of(truth), take.cameras, masks=Known(masks), lag=lag)
     scene = Scene(take.cameras, (Person(take.actor, take.detections),), take.rate, images)
     assert list(mask_sentences(images, scene, take.detections)) == []
+
+
+def test_images_of_other_sizes_that_no_stage_looks_at(take: Take, truth: list[np.ndarray]) -> None:
+    """Nothing is refused for them, and they are said not to be those of the cameras."""
+    half = Painted.of([mask[::2] for mask in truth])
+    person = Person(take.actor, take.detections)
+    scene = Scene(take.cameras, (person,), take.rate, Images(half, take.cameras))
+    told = scene_doubts(scene, person, looked_at=False).sentences
+    assert any("images of view 0 are uint8" in line for line in told)
+    with pytest.raises(InputError, match="images of view 0 are uint8"):
+        scene_doubts(scene, person, looked_at=True)
 
 
 def test_masks_of_one_person_are_refused_for_several(take: Take, truth: list[np.ndarray]) -> None:
