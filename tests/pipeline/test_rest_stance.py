@@ -9,11 +9,11 @@ from takes import sway
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.app.retarget import rest_doubts
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion
 from perfcap.pipeline.rest_stance import upright_turn
+from perfcap.pipeline.retarget_doubts import rest_doubts
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
 

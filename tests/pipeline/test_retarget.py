@@ -284,7 +284,7 @@ def test_a_world_that_leans_is_told(degrees: float) -> None:
 
 @pytest.mark.parametrize("examined", [False, True])
 def test_what_came_of_it_is_looked_at(examined: bool) -> None:
-    """As the command does: in Python hips of 26 m/s and limbs elsewhere were silent."""
+    """As the command does: in Python leaps and limbs elsewhere were silent."""
     joints = joints_of(PERSON, walk(PERSON))
     leap = joints.position.clone()
     leap[30:, :, 0] += 2.0
