@@ -80,7 +80,8 @@ def test_motion_of_a_character_whose_rest_pose_is_turned(name: str) -> None:
 
 def test_a_bearing_is_kept_and_told() -> None:
     """Who is drawn with a bent back alone keeps it, and is told of."""
-    _, scores = put(PERSON, joints_of(PERSON), hunched(0.43))
+    with pytest.warns(UserWarning, match="stand the character"):
+        _, scores = put(PERSON, joints_of(PERSON), hunched(0.43))
     assert scores.trunk.median() > 20
     assert scores.report()["trunk_degrees"]["median"] > 20
     (line,) = rest_doubts(scores)
