@@ -24,6 +24,7 @@ from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.legs import triangulated
+from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.image_doubts import image_doubts, mask_sentences
 from perfcap.pipeline.images import Images
@@ -63,6 +64,20 @@ def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) ->
         )
 
 
+def warn_of_other_poses(cameras: Camera, others: Camera) -> None:
+    """Warn of views whose cameras of masks stand elsewhere than the capture's, and not learned.
+
+    Args:
+        cameras: of the capture, (C,) or (F, C).
+        others: of the masks, likewise.
+    """
+    learned = cameras.rotation, cameras.translation, others.rotation, others.translation
+    if any(each.requires_grad for each in learned):
+        return
+    for line in pose_doubts([f"view {k}" for k in range(cameras.views)], cameras, others, "masks"):
+        warnings.warn(line, stacklevel=3)
+
+
 class Doubts(NamedTuple):
     """Sentences about a capture, and the findings of its inputs that some of them say."""
 
@@ -96,13 +111,15 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
 
 def _of_images(images: Images, scene: Scene, joints: Detections, looked_at: bool) -> Doubts:
     """What images and their masks say; those that no stage looks at refuse nothing."""
+    names = images.names or [f"view {view}" for view in range(joints.views)]
+    apart = tuple(pose_doubts(names, scene.cameras, images.cameras, "the images"))
     try:
         found = tuple(image_doubts(images, scene, joints, looked_at))
     except InputError as error:
         if looked_at:
             raise
-        return Doubts((str(error),), ())
-    told = tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
+        return Doubts((*apart, str(error)), ())
+    told = apart + tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
     return Doubts(told + (tuple(mask_sentences(images, scene, joints)) if looked_at else ()), found)
 
 

@@ -21,7 +21,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_kinds, require_trust, require_usable
-from perfcap.pipeline.input_doubts import warn_of_other_joints
+from perfcap.pipeline.input_doubts import warn_of_other_joints, warn_of_other_poses
 from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere, warn_of_trust_within
 from perfcap.pipeline.performance import Performance
@@ -165,6 +165,7 @@ def refine_jointly(
     way = adjoint or (Implicit("products") if wanted else Detached())
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
     terms.objective(windows[0], settings.bands[0])  # refuses what cannot be used, before warnings
+    warn_of_other_poses(problem.cameras, seen)
     if not masks.requires_grad:
         warn_of_masks_elsewhere(masks, terms.drawn(motion))
     if trust is not None and not trust.requires_grad:
