@@ -37,7 +37,7 @@ def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
     Raises:
         InputError: they are empty, inverted, or of somebody else.
     """
-    shares = joints_inside(chosen.detections, masks.inside)
+    shares = joints_inside(chosen.detections, masks.inside, masks.known)
     if not bool((shares >= LEAST_INSIDE).any()):
         told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
         raise InputError(
@@ -80,4 +80,5 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
 
 def shown(chosen: ChosenFrames, masks: PersonMasks) -> MaskedFrames:
     """Chosen frames with their masks, as checks look at them."""
-    return MaskedFrames(chosen.clip.names, chosen, chosen.detections, masks.inside)
+    seen = chosen.detections
+    return MaskedFrames(chosen.clip.names, chosen, seen, masks.inside, masks.known)

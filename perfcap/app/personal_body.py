@@ -199,7 +199,7 @@ class PersonalBody:
         yield from fit_doubts(self.model, self.fit, self._given, option="--")
         if self.masks is not None:
             seen = shown(self.chosen, self.masks)
-            yield from limb_doubts(seen.names, seen.detections, seen.inside)
+            yield from limb_doubts(seen.names, seen.detections, seen.inside, seen.known)
             yield from outline_doubts(seen)
 
     @property

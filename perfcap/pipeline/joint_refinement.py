@@ -167,7 +167,7 @@ def refine_jointly(
     terms.objective(windows[0], settings.bands[0])  # refuses what cannot be used, before warnings
     warn_of_other_poses(problem.cameras, seen)
     if not masks.requires_grad:
-        warn_of_masks_elsewhere(masks, terms.drawn(motion))
+        warn_of_masks_elsewhere(masks, terms.drawn(motion), trust)
     if trust is not None and not trust.requires_grad:
         warn_of_trust_within(masks, trust)
     solved = [(window, terms.solve(window, motion[window.index], way)) for window in windows]

@@ -34,6 +34,7 @@ _BETTER = 0.2  # of the same: more than a pose that is solved already is off
 # capture finds is the best where they are, of another actor's as well
 _BESIDE, _FITS_BESIDE, _FEW = 0.03, 0.03, 2.5  # the last: pixels
 _HELD = 0.2  # of what pixels within masks count for, or of all those beyond
+_SHOWN = 0.1  # of the drawn person, of which less says nothing of where masks lie
 _LARGER = 1.25  # areas of the captured person: masks that are drawn too wide, or of a coat
 
 
@@ -42,16 +43,27 @@ def examined(frames: int) -> Tensor:
     return torch.linspace(0, frames - 1, min(frames, _EXAMINED)).long()
 
 
-def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
+def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor, trust: Tensor | None = None) -> None:
     """Warn of views whose masks the drawn person hardly meets, or is far from filling.
 
     Args:
         masks: (F, C, H, W), bool or from 0 to 1.
         drawn: coverage of the ``examined`` frames, (F', C, H, W).
+        trust: how much each pixel counts, of a shape that broadcasts to the masks; those of 0 count
+            neither in the masks nor in what is drawn. All count if not given.
     """
-    found = masks[examined(len(masks)).to(masks.device)] > 0.5
+    some = examined(len(masks)).to(masks.device)
+    found = masks[some] > 0.5
     shown = found.flatten(2).any(-1)[..., None, None]  # a mask may be missing
     model = (drawn > 0.5) & shown
+    height = model.any(-1).sum(-1).amax(0).tolist()  # C
+    known = torch.ones_like(model)
+    if trust is not None:
+        known = trust.detach().to(masks.device).expand(masks.shape)[some] > 0
+        least = _SHOWN * model.sum((-2, -1), keepdim=True)
+        # a strip of the person at the edge of what is hidden may lie anywhere
+        known = known & ((model & known).sum((-2, -1), keepdim=True) >= least)
+        found, model = found & known, model & known
     share, there = _overlap(found, model)
     elsewhere = ((share < _ELSEWHERE) & there).nonzero().flatten().tolist()
     if elsewhere:
@@ -65,7 +77,7 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
         return
     turned = {how: turn(found) for how, turn in _WAYS.items()}
     gains = {
-        how: torch.where(there, _overlap(masks, model)[0] - share, 0)
+        how: torch.where(there, _overlap(masks & known, model)[0] - share, 0)
         for how, masks in turned.items()
         if masks.shape == model.shape
     }
@@ -80,7 +92,6 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
         )
         return
     shifts = [_shift(found[:, view], model[:, view]) for view in range(found.shape[1])]
-    height = model.any(-1).sum(-1).amax(0).tolist()  # C
     beside = [
         f"{view} (by {x:+d}, {y:+d} pixels, {now:.0%} as given and {best:.0%} without)"
         for view, (x, y, now, best) in enumerate(shifts)

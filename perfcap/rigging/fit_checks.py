@@ -91,7 +91,8 @@ def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks |
     ]
     if masks is not None:
         there, own = _seen_in(masks, cameras, detections)
-        told += [*others_doubts(names, there, own.inside), *limb_doubts(names, there, own.inside)]
+        parts = names, there, own.inside, own.known
+        told += [*others_doubts(*parts), *limb_doubts(*parts)]
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 
@@ -103,8 +104,8 @@ def _seen_in(
     ideal = torch.nn.functional.pad(cameras.to_plane(detections.joints2d), (0, 1), value=1.0)
     pixels = masks.cameras.to(ideal).project_camera(ideal)
     there = replace(detections, joints2d=pixels).map(_plain)
-    inside = masks.inside.detach().cpu()
-    return there, PersonMasks(masks.cameras, inside)
+    known = None if masks.known is None else _plain(masks.known)
+    return there, PersonMasks(masks.cameras, _plain(masks.inside), known)
 
 
 def warn_of_result(
@@ -119,7 +120,10 @@ def warn_of_result(
     masked = None if masks is None else _seen_in(masks, cameras, detections)
     seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
-    known = set() if masked is None else {*others_doubts(names, masked[0], masked[1].inside)}
+    known = set()
+    if masked is not None:
+        there, own = masked
+        known = {*others_doubts(names, there, own.inside, own.known)}
     plain = replace(fit, motion=fit.motion.map(_plain))
     body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
     told = [line for line in fit_doubts(body, plain, given) if line not in known]

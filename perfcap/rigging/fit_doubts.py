@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import torch
@@ -211,6 +211,7 @@ def support_doubts(support: float | None, remedy: str = "give masks") -> Iterato
 
 _LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
 _UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
+_SHOWN, _HALF = 0.1, 0.5  # of the body: known parts that say something, and that are compared
 _HEIGHT = 300.0  # px, rows of the pictures that are compared
 
 
@@ -220,7 +221,8 @@ class Overlap:
 
     Attributes:
         joints: share of each view's that lie in the mask, (C,).
-        beyond: of the mask, beyond the body, (F, C), shares of the body's area.
+        beyond: of the mask, beyond the body, (F, C), shares of the body's area at known pixels, at
+            least of half the body; NaN where hardly anything of it is known.
         missing: of the body, beyond the mask, likewise.
         empty: whether a mask is, (F, C), bool.
     """
@@ -234,7 +236,7 @@ class Overlap:
 def overlap_of(
     model: BodyModel, motion: Motion, detections: Detections, masks: PersonMasks
 ) -> Overlap:
-    """Compare a posed body with masks, in pictures of moderate size.
+    """Compare a posed body with masks at pixels that are known, in pictures of moderate size.
 
     Args:
         model: of the body.
@@ -243,7 +245,9 @@ def overlap_of(
         masks: of the same frames.
     """
     factor = max(1, int(masks.inside.shape[-2] / _HEIGHT))
-    small = masks.shrunk(factor)
+    shape, known = masks.inside.shape, masks.known
+    told = None if known is None else (known > 0).expand(shape)
+    small = replace(masks, known=told).shrunk(factor)
     surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)).to(motion.angles))
     faces, bodies = torch.from_numpy(model.rig.faces), surface(motion)
     views, rows = range(small.cameras.views), []
@@ -253,13 +257,26 @@ def overlap_of(
         for view in views:
             drawn = ProjectedMesh.seen_by(local.select([view]), vertices, faces).rasterize().mask
             mask = small.inside[frame, view] > 0.5
-            area = float(drawn.sum().clamp(min=1))
-            beyond = float((mask & ~drawn).sum()) / area
-            missing = float((drawn & ~mask).sum()) / area
-            rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
+            # averages of pixels some of which are unknown are none of the mask
+            whole = None if small.known is None else small.known[frame, view] > 1 - 1e-6
+            rows.append(_compared(drawn, mask, whole))
     table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
-    inside = joints_inside(detections, masks.inside)
+    inside = joints_inside(detections, masks.inside, masks.known)
     return Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
+
+
+def _compared(drawn: Tensor, mask: Tensor, known: Tensor | None) -> tuple[float, float, bool]:
+    """What a mask (H, W) has beyond a body, what it misses of it, and whether it is empty."""
+    body = float(drawn.sum())
+    if known is not None:
+        drawn, mask = drawn & known, mask & known
+    own = float(drawn.sum())
+    area = max(own, _HALF * body, 1.0)
+    beyond, missing = (float(part.sum()) / area for part in (mask & ~drawn, drawn & ~mask))
+    if own < _SHOWN * body:
+        said = beyond > _LOOSE  # a strip of the body says nothing, somebody elsewhere does
+        return (beyond, missing, False) if said else (torch.nan, torch.nan, False)
+    return beyond, missing, float(mask.sum()) < 0.02 * max(own, 1.0)
 
 
 def mask_doubts(found: Overlap, names: Sequence[str], numbers: Sequence[int]) -> Iterator[str]:
@@ -284,7 +301,7 @@ def mask_doubts(found: Overlap, names: Sequence[str], numbers: Sequence[int]) ->
     if not bool(sound.any()):
         return
     beyond, missing = (
-        float(part.median(0).values[sound].median()) for part in (found.beyond, found.missing)
+        float(part.nanmedian(0).values[sound].nanmedian()) for part in (found.beyond, found.missing)
     )
     if beyond > _LOOSE:
         yield (
@@ -301,12 +318,12 @@ def mask_doubts(found: Overlap, names: Sequence[str], numbers: Sequence[int]) ->
 def _unlike_others(name: str, view: int, found: Overlap, numbers: Sequence[int]) -> Iterator[str]:
     """Frames of a view whose masks miss the body by far more than its other masks do."""
     off = (found.beyond + found.missing)[:, view]
-    usual = float(off.median())
+    usual = float(off.nanmedian())
     odd = (off > usual + _UNLIKE).nonzero().flatten().tolist()
     if odd:
         frames = ", ".join(str(numbers[place]) for place in odd)
         yield (
-            f"masks of {name}: miss the body by {100 * float(off.max()):.0f} % of its area in "
+            f"masks of {name}: miss the body by {100 * float(off[odd].max()):.0f} % of its area in "
             f"frames {frames} (counted from 0), by {100 * usual:.0f} % in most; are they of this "
             "person, and true there? Leave them out"
         )

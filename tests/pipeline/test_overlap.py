@@ -47,6 +47,40 @@ def test_masks_that_are_drawn_too_wide_or_too_narrow_are_told(grown: int, told: 
     assert ["times the area" in str(each.message) for each in caught] == [True] * told
 
 
+def test_pixels_without_trust_are_not_compared() -> None:
+    """As where other people stand in front: right masks leave out what they hide."""
+    trust = torch.ones(3, 2, 40, 40)
+    trust[..., 20:, :] = 0
+    masks, strip = person() * trust, torch.ones(3, 2, 40, 40)
+    strip[..., 8:, :] = 0  # hides all but the arms
+    strip[..., :24] = 0  # and of these all but their end
+    with pytest.warns(UserWarning, match="times the area"):
+        warn_of_masks_elsewhere(masks, person())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for given in (masks, person(), 1 - (1 - masks) * trust):
+            for each in (trust, trust[:1, :1], 0.5 * trust[0, 0]):
+                warn_of_masks_elsewhere(given, person(), each)
+        warn_of_masks_elsewhere(person().roll(3, -1), person(), strip)
+    assert not caught
+
+
+def test_masks_that_are_wrong_where_they_count_are_told() -> None:
+    trust = torch.ones(1, 1, 40, 40)
+    trust[..., 15:24, :] = 0
+    wide = person()
+    wide[..., 6:20, 5:34] = 1
+    wrong = {
+        "overlap the captured person by": 1 - person(),
+        "upside down": person().flip(-2),
+        "beside the captured person": person().roll(-3, -1),
+        "times the area": wide,
+    }
+    for told, masks in wrong.items():
+        with pytest.warns(UserWarning, match=told):
+            warn_of_masks_elsewhere(masks, person(), trust)
+
+
 def test_trust_in_the_person_alone_is_told() -> None:
     sure = torch.ones(3, 2, 40, 40)
     for trust in (person(), person()[:1, :1], 0.5 * person() + 0.01):

@@ -16,6 +16,7 @@ from perfcap.actor.measurements import measure
 from perfcap.actor.motion import BODY, Motion
 from perfcap.rigging.fit_body import fit_body
 from perfcap.rigging.fit_checks import warn_of_inputs
+from perfcap.rigging.fit_doubts import mask_doubts, overlap_of
 from perfcap.rigging.person_masks import PersonMasks
 
 
@@ -65,6 +66,48 @@ def test_masks_of_others_are_told(model: BodyModel) -> None:
             warn_of_inputs(cameras, detections, PersonMasks(cameras, masks))
     warn_of_inputs(cameras, detections, PersonMasks(cameras, inside))
     warn_of_inputs(cameras, detections, small)
+
+
+def test_what_is_unknown_of_masks_is_no_doubt(model: BodyModel) -> None:
+    """Legs that something hides, marked as unknown, were called left out."""
+    cameras = synthetic.cameras(2, size=160, distance=3.0)
+    motion = twice(person(model))
+    detections, inside = seen(model, motion, cameras)
+    known = torch.ones(160, 160)
+    known[100:] = 0
+    hidden, of = inside & (known > 0), ("ab", range(len(inside)))
+    padded = PersonMasks.padded(cameras, [hidden[:, 0, :100], inside[:, 1]])
+    for masks in (PersonMasks(cameras, hidden, known), padded):
+        warn_of_inputs(cameras, detections, masks)
+        found = overlap_of(model, motion, detections, masks)
+        assert not list(mask_doubts(found, *of))
+        assert float(found.missing.max()) < 0.1 and float(found.beyond.max()) < 0.1
+    unmarked = overlap_of(model, motion, detections, PersonMasks(cameras, hidden))
+    assert "silhouettes leave out" in " ".join(mask_doubts(unmarked, *of))
+    nothing = overlap_of(model, motion, detections, PersonMasks(cameras, 0 * hidden, 0 * known))
+    assert not list(mask_doubts(nothing, *of))
+
+
+def test_masks_that_are_wrong_where_they_are_known_are_told(model: BodyModel) -> None:
+    cameras = synthetic.cameras(2, size=160, distance=3.0)
+    motion = twice(person(model))
+    detections, inside = seen(model, motion, cameras)
+    known = torch.ones(160, 160)
+    known[:70] = 0
+    of = "ab", range(len(inside))
+    short = inside.clone()
+    short[:, 0, 100:] = False
+    with pytest.warns(UserWarning, match="masks of view 0: "):
+        warn_of_inputs(cameras, detections, PersonMasks(cameras, short, known))
+    known[:70], known[100:] = 1, 0
+    wide = torch.nn.functional.max_pool2d(inside.double(), 13, 1, 6)
+    for masks, told in (
+        (wide, "exceed the body by"),
+        (0 * wide, "are empty in most frames"),
+        (inside.roll(80, -1), "hold 0 % of the detected joints"),
+    ):
+        found = overlap_of(model, motion, detections, PersonMasks(cameras, masks, known))
+        assert told in " ".join(mask_doubts(found, *of))
 
 
 @pytest.mark.long

@@ -40,19 +40,21 @@ class MaskedFrames:
         reader: of their F images.
         detections: (F, C), in pixels of the images.
         inside: where the masks are, (F, C, H, W), bool or 0 to 1; those of smaller views padded.
+        known: which pixels say anything, of a shape that broadcasts to ``inside``; all if None.
     """
 
     names: Sequence[str]
     reader: ImageReader
     detections: Detections
     inside: Tensor
+    known: Tensor | None = None
 
 
 def mask_doubts(shown: MaskedFrames) -> Iterator[str]:
     """Sentences about views whose masks a surface should not follow: whose are they, where do they
     end?
     """
-    given = shown.names, shown.detections, shown.inside
+    given = shown.names, shown.detections, shown.inside, shown.known
     yield from limb_doubts(*given)
     yield from others_doubts(*given, numbered=True)
     yield from outline_doubts(shown, girths=False)
