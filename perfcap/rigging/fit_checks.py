@@ -18,6 +18,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
 from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
+from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.rigging.build_body import Person
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.person_masks import PersonMasks
@@ -93,6 +94,7 @@ def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks |
         there, own = _seen_in(masks, cameras, detections)
         parts = names, there, own.inside, own.known
         told += [*others_doubts(*parts), *limb_doubts(*parts)]
+        told += pose_doubts(names, cameras, masks.cameras, "masks")
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 
