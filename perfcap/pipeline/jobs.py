@@ -164,7 +164,7 @@ def _capture_scene(
     tell = progress or notebook_progress() or (lambda stage, done, total: None)
     kept, alone = checkpoint or NO_CHECKPOINT, len(scene.people) == 1
     config = config or CaptureConfig()
-    names = sorted(map(str, energies or ()))
+    names = sorted(map(str, energies)) if isinstance(energies, Mapping) else []
     require_same_capture(kept, scene, config=config, energies=names, level=level, up=up)
     moved = [
         move(

@@ -7,9 +7,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.actor.actor import Actor
 from perfcap.errors import InputError
 from perfcap.geometry.record import Record
 from perfcap.io.journal import Journal
@@ -48,8 +50,8 @@ def require_same_capture(checkpoint: Checkpoint, scene: Scene, **settings: objec
         if known is None:
             return
         raise InputError(
-            f"checkpoint {folder}: holds the work of another capture ({_differing(own, known)} "
-            "differ); give another folder, or empty it"
+            f"checkpoint {folder}: holds the work of another capture, which differs in "
+            f"{_differing(own, known)}; give another folder, or empty it"
         )
     journal.append(own)  # behind that of a call which was refused before it finished anything
 
@@ -77,11 +79,18 @@ def _parts(scene: Scene, settings: dict[str, object]) -> Iterator[tuple[str, str
     for number, person in enumerate(scene.people, 1):
         of = "" if len(scene.people) == 1 else f" of person {number}"
         yield f"joints{of}", _digest(_values(person.detections))
-        state = person.actor.state_dict()  # rest places, limits, vertices and weights
-        yield f"actor{of}", _digest(value for pair in sorted(state.items()) for value in pair)
+        yield f"actor{of}", _digest(_actor(person.actor))
         yield f"solve_bones{of}", repr(person.solve_bones)
     for name, value in settings.items():
         yield name, _digest([value])
+
+
+def _actor(actor: Actor) -> Iterator[object]:
+    for name, value in sorted(actor.state_dict().items()):  # rest places, limits and vertices
+        yield from (name, value)
+    template = actor.template
+    for array in (template.weights, template.weight_bones, template.faces):
+        yield torch.from_numpy(np.array(array))  # copied, since some are read-only
 
 
 def _values(record: Record) -> Iterator[object]:

@@ -69,7 +69,7 @@ def test_another_capture_is_refused(take: Take, kept: tuple[Path, Performance]) 
         ("energies", {"energies": {"mine": print}}),
     ]
     for name, changed in changes:
-        with pytest.raises(InputError, match=rf"another capture \({name} differ\); give another"):
+        with pytest.raises(InputError, match=rf"another capture, which differs in {name}; give"):
             captured(take, kept[0], **changed)
 
 
