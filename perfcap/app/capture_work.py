@@ -75,7 +75,7 @@ def find_work(folder: Path, call: Call, resume: bool, overwrite: bool) -> Checkp
     values = _read_call(place)
     differs = call.difference(values.get("call"))
     if resume and not differs:
-        return Checkpoint(place)
+        return Checkpoint(place, checked=True)
     if overwrite:
         return None
     if differs:
@@ -106,7 +106,7 @@ def begin_work(folder: Path, call: Call, overwrite: bool) -> Checkpoint:
         raise unwritable(place, error) from error
     with writing(place / _CALL) as file:
         file.write(json.dumps({"call": call.plain(), "overwrite": overwrite}).encode())
-    return Checkpoint(place)
+    return Checkpoint(place, checked=True)
 
 
 def drop_if_empty(work: Checkpoint) -> None:

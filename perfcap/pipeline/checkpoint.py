@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -44,15 +44,19 @@ class Codec(Generic[Result]):
 class Checkpoint:
     """A folder of journals, one for each stage.
 
-    Whoever gives it sees to it that it belongs to the same inputs and settings as the call.
+    ``capture`` writes beside them what it was given, and refuses a folder that holds the work of
+    another capture.
 
     Attributes:
         folder: exists; None where nothing is kept.
         prefix: of the journals' names.
+        checked: whoever gives it has seen to it that it belongs to the same inputs and settings
+            as the call, so that ``capture`` neither writes them down nor compares them.
     """
 
     folder: Path | None = None
     prefix: str = ""
+    checked: bool = False
 
     def kept(self, stage: str) -> Kept:
         """What is kept of a stage."""
@@ -62,7 +66,7 @@ class Checkpoint:
 
     def of(self, part: str) -> Checkpoint:
         """The same for a part of the work, beside the others."""
-        return Checkpoint(self.folder, f"{self.prefix}{part}_")
+        return replace(self, prefix=f"{self.prefix}{part}_")
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import ImageJob, Moving, StageContext
+from perfcap.pipeline.same_capture import require_same_capture
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surroundings import axis, upright_axis, upright_together
 from perfcap.rates import Timed, frame_rate
@@ -107,12 +108,15 @@ def capture(
         progress: told how far each stage is; in a notebook a line below the cell says so if nobody
             else is told.
         checkpoint: keeps finished blocks of every stage; what it holds of an earlier call with the
-            same arguments is not computed again, and the result has the same bits.
+            same arguments is not computed again, and the result has the same bits. Only images,
+            ``until`` and ``workers`` may differ (the caller vouches for images, and for what
+            energies of one name compute); a folder with the work of another capture is refused.
         **options: those named above, by keyword.
 
     Raises:
-        InputError: nobody is detected, the shapes do not fit, a stage needs images, or there are
-            both energies of an author's own and a level world, or a scene and what it has.
+        InputError: nobody is detected, the shapes do not fit, a stage needs images, the checkpoint
+            is of another capture, or there are both energies of an author's own and a level world,
+            or a scene and what it has.
     """
     if isinstance(actor, Scene):
         _require_once(
@@ -159,9 +163,12 @@ def _capture_scene(
         raise InputError("level: is for one person; several need calibrated views, in one world")
     tell = progress or notebook_progress() or (lambda stage, done, total: None)
     kept, alone = checkpoint or NO_CHECKPOINT, len(scene.people) == 1
+    config = config or CaptureConfig()
+    names = sorted(map(str, energies)) if isinstance(energies, Mapping) else []
+    require_same_capture(kept, scene, config=config, energies=names, level=level, up=up)
     moved = [
         move(
-            *(scene, person, config or CaptureConfig(), until),
+            *(scene, person, config, until),
             energies=energies,
             level=level,
             up=up,
