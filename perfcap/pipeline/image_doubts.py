@@ -140,6 +140,9 @@ class _Chosen:
     view: int
     frames: list[int]
 
+    def __len__(self) -> int:
+        return len(self.frames)
+
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         reader, chosen = self.images.reader, self.frames[start:stop]
         return np.concatenate([reader.read_view(self.view, f, f + 1) for f in chosen])

@@ -57,13 +57,10 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor, trust: Tensor | None =
     shown = found.flatten(2).any(-1)[..., None, None]  # a mask may be missing
     model = (drawn > 0.5) & shown
     height = model.any(-1).sum(-1).amax(0).tolist()  # C
-    known = torch.ones_like(model)
-    if trust is not None:
-        known = trust.detach().to(masks.device).expand(masks.shape)[some] > 0
-        least = _SHOWN * model.sum((-2, -1), keepdim=True)
-        # a strip of the person at the edge of what is hidden may lie anywhere
-        known = known & ((model & known).sum((-2, -1), keepdim=True) >= least)
-        found, model = found & known, model & known
+    known = _known(
+        model, None if trust is None else trust.to(masks.device).expand(masks.shape)[some]
+    )
+    found, model = found & known, model & known
     share, there = _overlap(found, model)
     elsewhere = ((share < _ELSEWHERE) & there).nonzero().flatten().tolist()
     if elsewhere:
@@ -75,18 +72,12 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor, trust: Tensor | None =
             stacklevel=3,
         )
         return
-    turned = {how: turn(found) for how, turn in _WAYS.items()}
-    gains = {
-        how: torch.where(there, _overlap(masks & known, model)[0] - share, 0)
-        for how, masks in turned.items()
-        if masks.shape == model.shape
-    }
-    how = max(gains, key=lambda way: float(gains[way].max()))
-    better = (gains[how] > _BETTER).nonzero().flatten().tolist()
+    how, gain = _other_way_up(found, model, known, torch.where(there, share, torch.inf))
+    better = (gain > _BETTER).nonzero().flatten().tolist()
     if better:
         warnings.warn(
             f"masks of views {better} would overlap the captured person by "
-            f"{float((share + gains[how])[better].min()):.0%} {how}, as given by "
+            f"{float((share + gain)[better].min()):.0%} {how}, as given by "
             f"{float(share[better].min()):.0%}; check which way up they are",
             stacklevel=3,
         )
@@ -135,6 +126,28 @@ def warn_of_trust_within(masks: Tensor, trust: Tensor) -> None:
             "how sure a pixel is, whichever it shows, not how likely it shows the person",
             stacklevel=3,
         )
+
+
+def _other_way_up(found: Tensor, model: Tensor, known: Tensor, share: Tensor) -> tuple[str, Tensor]:
+    """How masks (F, C, H, W) must be turned to fit best, and what each view gains, (C,)."""
+    turned = {how: turn(found) for how, turn in _WAYS.items()}
+    gains = {
+        how: _overlap(masks & known, model)[0] - share
+        for how, masks in turned.items()
+        if masks.shape == model.shape
+    }
+    how = max(gains, key=lambda way: float(gains[way].max()))
+    return how, gains[how]
+
+
+def _known(model: Tensor, trust: Tensor | None) -> Tensor:
+    """Which pixels count where a person is drawn, (F, C, H, W); trust is of this shape, or None."""
+    if trust is None:
+        return torch.ones_like(model)
+    known = trust.detach() > 0
+    least = _SHOWN * model.sum((-2, -1), keepdim=True)
+    # a strip of the person at the edge of what is hidden may lie anywhere
+    return known & ((model & known).sum((-2, -1), keepdim=True) >= least)
 
 
 def _overlap(found: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:

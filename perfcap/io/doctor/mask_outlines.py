@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
 from perfcap.io.doctor.moved_outlines import Registration, moved_sentences, register
 
@@ -22,13 +22,6 @@ _OFF = 0.008  # of it: how far they may lie from the outline, 1.5 cm
 _LEAST = 1.5  # px, likewise
 _CLEAR = 1.5  # times the usual gradient; sound masks have 2.2 to 5.4
 _BLUR = 1.0  # px
-
-
-class ImageReader(Protocol):
-    """Images of views."""
-
-    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
-        """RGB images of a view, (stop - start, H, W, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +37,17 @@ class MaskedFrames:
     """
 
     names: Sequence[str]
-    reader: ImageReader
+    reader: FrameReader
     detections: Detections
     inside: Tensor
     known: Tensor | None = None
 
 
 def mask_doubts(shown: MaskedFrames) -> Iterator[str]:
-    """Sentences about views whose masks a surface should not follow: whose are they, where do they
-    end?
+    """Sentences about views whose masks are of somebody else, or end elsewhere than the person.
+
+    Args:
+        shown: the frames, whose masks a surface is to follow.
     """
     given = shown.names, shown.detections, shown.inside, shown.known
     yield from limb_doubts(*given)
