@@ -90,7 +90,9 @@ def run(config: Experiment) -> Report:
             if config.overlays and variant == chosen[0]:
                 RESULTS.mkdir(exist_ok=True)
                 path = RESULTS / f"people_tracker_{name}.mp4"
-                save_people_overlay(path, found, *clip_of(take.people[0]))
+                shown = take.people[0]
+                shown = shown.part(range(shown.cameras.views), count)
+                save_people_overlay(path, found, *clip_of(shown))
     columns = ("take", "variant", "person", "joints", "+-", "95 %", "surface, skinned", "refined",
                "IoU, skinned", "refined", "limbs off", "released %", "s")  # fmt: skip
     return Report(

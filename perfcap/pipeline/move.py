@@ -33,7 +33,7 @@ from perfcap.pipeline.own_energies import own_terms
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare, relaxed
-from perfcap.pipeline.preset_doubts import preset_doubts
+from perfcap.pipeline.preset_doubts import held_cameras, preset_doubts
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.result_doubts import doubts, joint_doubts, result_doubts
 from perfcap.pipeline.stage import Stage
@@ -91,6 +91,8 @@ def _unsaid(scene: Scene, config: CaptureConfig, until: Stage) -> Iterator[str]:
     """What the settings are not made for, where nobody has looked at the inputs yet."""
     if scene.images is None or not scene.images.examined:
         yield from preset_doubts(config, scene.cameras.views, until.needs_images)
+        people = len(scene.people)
+        yield from held_cameras(config, scene.cameras, people, until.needs_images)
 
 
 def _unit(up: Tensor | None, like: Tensor) -> Tensor | None:

@@ -9,9 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.pixel_map import PixelMap
-from perfcap.io.clip import Clip
+from perfcap.io.clip import END_SLACK, Clip
 from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.checkpoint import NOTHING, Kept
 from perfcap.pipeline.footage import Image, Painter, write_footage
@@ -42,7 +43,12 @@ def save_overlay(
         pixel_map: from the clip's pixels to the calibration's.
         progress: called with (frames done, frames).
         kept: what is drawn already.
+
+    Raises:
+        InputError: the clip has other frames or views than the capture, or the place cannot be
+            written.
     """
+    frames = _frames_of([performance], clip)
     cameras = pixel_map.cameras(performance.cameras, clip.sizes)
     faces = torch.as_tensor(performance.actor.template.faces.copy())
 
@@ -64,7 +70,7 @@ def save_overlay(
         return paint
 
     with torch.no_grad():
-        write_footage(path, clip, performance.frames, prepare, progress, kept)
+        write_footage(path, clip, frames, prepare, progress, kept)
 
 
 def save_textured(
@@ -76,6 +82,7 @@ def save_textured(
     kept: Kept = NOTHING,
 ) -> None:
     """Write the textured character over the dimmed input; arguments as of ``save_overlay``."""
+    frames = _frames_of([performance], clip)
     cameras = pixel_map.cameras(performance.cameras, clip.sizes)
     appearance = Appearance.of(performance.actor.template)
     lighting = daylight(upright(performance.joints().cpu()))
@@ -99,7 +106,7 @@ def save_textured(
         return paint
 
     with torch.no_grad():
-        write_footage(path, clip, performance.frames, prepare, progress, kept)
+        write_footage(path, clip, frames, prepare, progress, kept)
 
 
 def projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,7 +153,12 @@ def save_people_overlay(
         pixel_map: from the clip's pixels to the calibration's.
         progress: called with (frames done, frames).
         kept: what is drawn already.
+
+    Raises:
+        InputError: the clip has other frames or views than the captures, or the place cannot be
+            written.
     """
+    frames = _frames_of(people, clip)
     cameras = pixel_map.cameras(people[0].cameras, clip.sizes)
     faces, owner = _joined_faces(people)
 
@@ -174,8 +186,20 @@ def save_people_overlay(
         return paint
 
     with torch.no_grad():
-        frames = min(each.frames for each in people)
         write_footage(path, clip, frames, prepare, progress, kept)
+
+
+def _frames_of(people: Sequence[Performance], clip: Clip) -> int:
+    """How many frames are drawn, where the clip is the one that was captured."""
+    frames = min(each.frames for each in people)
+    views = people[0].cameras.views
+    if clip.views != views or not 0 <= len(clip) - frames <= END_SLACK:
+        raise InputError(
+            f"clip: is {len(clip)} frames of {clip.views} views, and the capture {frames} of "
+            f"{views}; expected the clip that was captured: Clip.open(paths, frames=slice(A, B)) "
+            "opens a part of its videos"
+        )
+    return frames
 
 
 def _joined_faces(people: Sequence[Performance]) -> tuple[Tensor, Tensor]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import MONOPERFCAP_POSE
 from perfcap.pipeline.presets import CaptureConfig
 
@@ -49,6 +50,34 @@ def preset_doubts(
         f"{said}: which frames are trusted, and the errors that run.json expects, were learned "
         f"from captures with {default}; those of others may be larger"
     )
+
+
+def held_cameras(
+    config: CaptureConfig, cameras: Camera, people: int, looked_at: bool
+) -> Iterator[str]:
+    """A sentence where ``refine_cameras`` is asked for, and cameras stay where they are given.
+
+    Args:
+        config: of the capture.
+        cameras: C views, (C,) or (F, C).
+        people: how many are captured together.
+        looked_at: whether a stage looks at images.
+    """
+    if not config.refine_cameras.enabled:
+        return
+    if cameras.views == 1:
+        why = "there is one view, and several show where each stands"
+    elif cameras.moving:
+        why = "they move"
+    elif people > 1:
+        why = f"there are {people} people, and it is made for one"
+    elif not looked_at:
+        why = "no stage looks at images (solve_views refines cameras by joints)"
+    elif config.frames is not None or not config.segment:
+        why = "these settings find no silhouettes of all frames at once"
+    else:
+        return
+    yield f"refine_cameras: cameras stay as they are given, since {why}"
 
 
 def _other_way(config: CaptureConfig) -> str | None:

@@ -9,11 +9,12 @@ import pytest
 import torch
 from takes import Take, make_take, shrunk, write_video
 
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap
 from perfcap.io.clip import Clip
 from perfcap.pipeline import CaptureConfig
-from perfcap.pipeline.overlay import save_overlay, save_textured
+from perfcap.pipeline.overlay import save_overlay, save_people_overlay, save_textured
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
 from perfcap.render import rasterize
@@ -126,3 +127,24 @@ def test_a_clip_longer_than_the_capture_ends_with_it(tmp_path: Path) -> None:
     short = replace(captured, motion=captured.motion[:3])
     save_textured(tmp_path / "t.mp4", short, clip(tmp_path), same_pixels())
     assert len(frames(tmp_path / "t.mp4")) == 3
+
+
+def test_a_clip_of_other_frames_is_refused(tmp_path: Path) -> None:
+    captured = performance()
+    write_video(tmp_path / "long.mp4", 40, SIZE, half=60)
+    long = Clip.open(tmp_path / "long.mp4")
+    part = Clip.open(tmp_path / "long.mp4", frames=slice(10, 12))
+    for other in (long, part, clip(tmp_path, views=2)):
+        for save in (save_overlay, save_textured):
+            with pytest.raises(InputError, match=r"and the capture 5 of 1; expected the clip that"):
+                save(tmp_path / "t.mp4", captured, other, same_pixels(other.views))
+        with pytest.raises(InputError, match=r"and the capture 5 of 1; expected the clip that"):
+            save_people_overlay(tmp_path / "t.mp4", [captured] * 2, other, same_pixels())
+    assert not (tmp_path / "t.mp4").exists()
+    save_overlay(
+        tmp_path / "t.mp4",
+        captured,
+        Clip.open(tmp_path / "long.mp4", frames=slice(10, 10 + FRAMES)),
+        same_pixels(),
+    )
+    assert len(frames(tmp_path / "t.mp4")) == FRAMES
