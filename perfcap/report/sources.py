@@ -21,7 +21,7 @@ from perfcap.io.calibration import (
     read_cameras,
     read_pixel_map,
 )
-from perfcap.io.clip import Clip, late_views
+from perfcap.io.clip import END_SLACK, Clip, late_views
 from perfcap.io.detections import read_detections
 from perfcap.io.result import Result
 from perfcap.io.result_folder import ASSUMED_CAMERA, DETECTIONS, own_file
@@ -102,6 +102,7 @@ class _Finder:
         self.names = names
         numbers = result.frame_numbers[rows]
         self.frames = slice(int(numbers[0]), int(numbers[-1]) + 1)
+        self.first = int(result.frame_numbers[0])
         self.end = int(result.frame_numbers[-1]) + 1
         self.states = _mapping(result.report.get("input_files"))
         self.placed = False  # whether videos were given that are not where the capture had them
@@ -130,8 +131,22 @@ class _Finder:
         texts = _texts(self.request.get("videos"))
         for text, path in zip(texts, paths, strict=False):
             self._compare(text, path, "--videos" if given else "")
+        if not texts:
+            self._doubt_longer(clip)
         self.placed = bool(given)
         return clip
+
+    def _doubt_longer(self, clip: Clip) -> None:
+        """Note videos of which a capture that does not say so may have seen a later part."""
+        total = clip.total
+        if self.first or total is None or total <= self.end + END_SLACK:
+            return
+        line = (
+            f"{clip.names[0]}: has {total} frames, the capture {self.end}, and does not say which; "
+            "its first are shown: of another part, save it with the number of its first_frame"
+        )
+        self.doubts.append(line)
+        self.notes.append(f"{line}.")
 
     def _in_step(self, paths: Sequence[Path]) -> Clip:
         """The videos' frames that the capture saw at once, whatever their own numbers."""
