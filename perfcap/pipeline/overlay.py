@@ -17,7 +17,7 @@ from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.checkpoint import NOTHING, Kept
 from perfcap.pipeline.footage import Image, Painter, write_footage
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.surroundings import daylight, upright
+from perfcap.pipeline.surroundings import daylight
 from perfcap.render import OverlayStyle, ProjectedMesh, draw_overlay, rasterize, render
 
 _STYLE = OverlayStyle(tint=0.12)
@@ -85,7 +85,7 @@ def save_textured(
     frames = _frames_of([performance], clip)
     cameras = pixel_map.cameras(performance.cameras, clip.sizes)
     appearance = Appearance.of(performance.actor.template)
-    lighting = daylight(upright(performance.joints().cpu()))
+    lighting = daylight(performance.upward.cpu())
 
     def prepare(span: slice) -> Painter:
         vertices = performance.shown[span].float().cpu()[:, appearance.representative]

@@ -31,6 +31,7 @@ from perfcap.pipeline.refine import Refinement
 from perfcap.pipeline.refine_contours import ContourRefinement
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
+from perfcap.pipeline.surroundings import upright
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.trust import Trust
 from perfcap.rates import frame_rate
@@ -220,6 +221,11 @@ class Performance:
         """Landmarks in the world, (F, 16, 3), metres."""
         with torch.no_grad():
             return self.actor.joints(self.motion)
+
+    @property
+    def upward(self) -> Tensor:
+        """``up`` where it is known, else along which axis of the world the person stands, (3,)."""
+        return upright(self.joints()) if self.up is None else self.up
 
     def to_pandas(self, first_frame: int = 0) -> Any:
         """A ``pandas.DataFrame`` with a row for each frame; see ``frame_table`` for its columns.

@@ -23,7 +23,6 @@ from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE, VOLUME
 from perfcap.io.surface_file import save_surface
 from perfcap.io.volume_file import save_volume
 from perfcap.pipeline.surface import surface_blocks
-from perfcap.pipeline.surroundings import upright
 
 if TYPE_CHECKING:
     from perfcap.pipeline.performance import Performance
@@ -61,8 +60,7 @@ def write_result(
     known = identity(performance, first_frame, settings)
     _write_motion(performance, folder / MOTION, first_frame, known)
     transforms, template = performance.bone_transforms(), performance.actor.template
-    up = performance.up if up is None else up
-    up = upright(performance.joints()) if up is None else up
+    up = performance.upward if up is None else up
     turn = _array(turn_to_y(up.detach().cpu().double()))
     level = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ transforms
     save_bvh(folder / "motion.bvh", bvh_motion(template, level, performance.rate))

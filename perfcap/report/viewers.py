@@ -11,7 +11,7 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.surroundings import upright
+from perfcap.pipeline.surroundings import upright_axis
 
 _COLOR = (200, 170, 150)  # sRGB of the surface
 
@@ -31,7 +31,7 @@ def log_to_rerun(performance: Performance, path: str = "person") -> None:
     _require_one(performance)
     rr = _required("rerun")
     faces, joints = performance.actor.template.faces, performance.joints().cpu()
-    axis, sign = _up(joints)
+    axis, sign = _up(performance.upward)
     up = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if sign > 0 else 'DOWN'}"
     rr.log("/", getattr(rr.ViewCoordinates, up), static=True)
     for frame in range(performance.frames):
@@ -62,7 +62,7 @@ def add_to_viser(
     _require_one(performance)
     _required("viser")
     faces = performance.actor.template.faces
-    axis, sign = _up(performance.joints().cpu())
+    axis, sign = _up(performance.upward)
     server.scene.set_up_direction(tuple(sign * float(k == axis) for k in range(3)))
     slider = server.gui.add_slider(name, 0, performance.frames - 1, 1, 0)
 
@@ -75,9 +75,9 @@ def add_to_viser(
     return show
 
 
-def _up(joints: Tensor) -> tuple[int, float]:
-    """Which axis of the world is up, and 1 where it points up or -1."""
-    up = upright(joints)
+def _up(direction: Tensor) -> tuple[int, float]:
+    """Which axis of the world is nearest to up, and 1 where it points up or -1."""
+    up = upright_axis(direction)
     axis = int(up.abs().argmax())
     return axis, float(up[axis])
 

@@ -1,10 +1,13 @@
 """Captured motion in Rerun and viser: real ones where they are installed."""
 
 import sys
+import types
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from perfcap.errors import InputError
 from perfcap.pipeline.performance import Performance
@@ -45,6 +48,28 @@ def test_rerun_gets_every_frame(
     last = logged["sam/surface"][-1].vertex_positions.as_arrow_array().to_pylist()
     np.testing.assert_allclose(last, take_performance.shown[-1:][0], atol=1e-6)
     assert len(logged["sam/surface"]) == len(logged["sam/joints"]) == take_performance.frames
+
+
+@pytest.mark.parametrize(
+    ("up", "name"), [((0.0, 0.1, -0.99), "RIGHT_HAND_Z_DOWN"), (None, "RIGHT_HAND_Y_UP")]
+)
+def test_viewers_heed_what_is_known_of_up(
+    take_performance: Performance,
+    monkeypatch: pytest.MonkeyPatch,
+    up: tuple[float, ...] | None,
+    name: str,
+) -> None:
+    logged: dict[str, Any] = {}
+    fake = types.SimpleNamespace(
+        ViewCoordinates=types.SimpleNamespace(**{name: name}),
+        **dict.fromkeys(("Mesh3D", "Points3D"), lambda *_, **__: None),
+        log=lambda path, what, **_: logged.setdefault(path, what),
+        set_time=lambda *_, **__: None,
+    )
+    monkeypatch.setitem(sys.modules, "rerun", fake)
+    lying = replace(take_performance, up=None if up is None else torch.tensor(up))
+    log_to_rerun(lying)
+    assert logged["/"] == name
 
 
 def test_viser_shows_the_frame_of_its_slider(take_performance: Performance) -> None:
