@@ -22,7 +22,6 @@ from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
 from perfcap.io.actor_folder import UNKNOWN, save_actor, spare_actor
 from perfcap.io.actor_import import import_actor, read_mapping, require_sound
-from perfcap.io.actor_layers import layer_findings
 from perfcap.io.actor_place import BESIDE, MANIFEST, MESH, spare_files
 from perfcap.io.body_model import load_body_model
 from perfcap.io.doctor import Severity
@@ -83,8 +82,6 @@ def rigged_mesh(source: Path, how: Rigging) -> tuple[Actor, Measurements | None]
     joints = {name: template.bone(name) for name in JOINTS}
     known = replace(template, joint_bones=joints)
     require_sound(source, examine_actor(known))
-    for finding in layer_findings(known, mesh.parts):
-        _LOG.warning("%s: %s", source, finding)
     return Actor(template.rounded()), report.measurements
 
 

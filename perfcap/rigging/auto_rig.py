@@ -19,6 +19,7 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.actor_layers import layer_findings
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
@@ -133,6 +134,8 @@ def auto_rig(
         body = fitter.surface(fit.motion)[0].numpy()
         doubt = height_doubt(best.mesh.vertices, faces, body, inside.height, height)
         found += [] if doubt is None else [doubt]
+    known = replace(template, joint_bones={name: template.bone(name) for name in JOINTS})
+    found += [str(finding) for finding in layer_findings(known, mesh.parts)]
     report = RigReport(best.upright, fit, heat, tuple(found), inside, best.seen)
     for warning in report.warnings:
         logger.warning("%s: %s", mesh.name, warning)

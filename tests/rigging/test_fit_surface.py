@@ -123,6 +123,15 @@ def test_a_scan_that_is_inside_out_is_turned_round(fitter: BodyFitter) -> None:
     assert ["faced inwards" in line for line in inside_out[1].warnings] == [True]
 
 
+@pytest.mark.long
+def test_a_scan_that_holds_the_body_twice_says_so(fitter: BodyFitter) -> None:
+    surface, faces = fitter.surface(person(fitter))[0].numpy(), fitter.model.rig.faces
+    parts = (("scan", len(surface)), ("copy", len(surface)))
+    mesh = BareMesh(np.tile(surface, (2, 1)), np.vstack((faces, faces + len(surface))), parts=parts)
+    warnings = auto_rig(mesh, fitter.model, settings=QUICK)[1].warnings
+    assert ["one inside the other" in line for line in warnings].count(True) == 1
+
+
 def test_given_joints_are_kept(fitter: BodyFitter) -> None:
     truth = person(fitter)
     surface = fitter.surface(truth)[0].numpy()
