@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +40,8 @@ from perfcap.io.datasets.layout import (
     wrong_layout,
 )
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
-from perfcap.io.datasets.trc import read_trc
+from perfcap.io.datasets.trc import Markers, read_trc
 from perfcap.metrics import Alignment
-
-Floats = NDArray[np.float64]
 
 _TITLE = "a Pose2Sim recording"
 _LAYOUT = "NAME/calibration/Calib*.toml with NAME/pose3d/ or NAME/pose-3d/ of *.trc"
@@ -72,7 +71,8 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
     recording = folder / base
     references = {path.stem: path for path in _references(recording)}
     reference = references[person] if person else next(iter(references.values()))
-    joints3d, rate, frames = _landmarks(reference)
+    joints3d, markers = _landmarks(reference)
+    frames, rate = markers.frames, markers.rate
     return DatasetSequence(
         dataset="pose2sim",
         name=name,
@@ -86,6 +86,7 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
         warnings=(
             "the truth is a triangulation of detected joints, good to some centimetres",
             *_doubts(reference, frames),
+            *markers.warnings,
         ),
         others=_others(base, reference, references.values(), frames.tolist()),
     )
@@ -111,15 +112,17 @@ def _others(
             continue
         seen.add(person)
         with suppress(InputError):  # a damaged file of another person is no fault of this one
-            joints, _, numbers = _landmarks(path)
+            joints, markers = _landmarks(path)
             if len(joints):
-                found[f"{base}/{path.stem}"] = at_frames(joints, numbers.tolist(), frames)
+                numbers = markers.frames.tolist()
+                found[f"{base}/{path.stem}"] = at_frames(joints, numbers, frames)
     return found
 
 
-def _landmarks(path: Path) -> tuple[Tensor, float | None, NDArray[np.int64]]:
-    """Landmarks (F, 16, 3), frames a second if known, and numbers of the frames, (F,)."""
-    names, points, rate, frames = _joints(path)
+def _landmarks(path: Path) -> tuple[Tensor, Markers]:
+    """Landmarks (F, 16, 3), and what they are of."""
+    markers = _joints(path)
+    names = markers.names
     called = [canonical_name(name) for name in names]
     if not set(called) & set(LANDMARKS):
         raise InputError(f"{path}: names {', '.join(names[:5])}, none of the landmarks")
@@ -132,15 +135,15 @@ def _landmarks(path: Path) -> tuple[Tensor, float | None, NDArray[np.int64]]:
     # markers that perfcap has no use for may be called anything
     read = [name if name in KNOWN_JOINTS else f"unread_{i}" for i, name in enumerate(called)]
     joint_set = JointSet(path.stem, tuple(read))
-    return landmarks_of(points, joint_set), rate, frames
+    return landmarks_of(markers.points, joint_set), markers
 
 
-def _joints(path: Path) -> tuple[Sequence[str], Floats, float | None, NDArray[np.int64]]:
-    """Names, positions in the axes of the calibration, frames a second if known, their numbers."""
+def _joints(path: Path) -> Markers:
+    """Joints in the axes of the calibration; frames are those of the video."""
     if path.suffix == ".npz":
         values = read_archive(path, ("joints3d_m", "names"), _WHAT)
         points = array_of(f"{path}: joints3d_m", values.get("joints3d_m"), (None, None, 3))
-        names = [str(name) for name in values.get("names", np.zeros(0)).reshape(-1)]
+        names = tuple(str(name) for name in values.get("names", np.zeros(0)).reshape(-1))
         if len(names) != points.shape[1] or not len(points):
             raise InputError(
                 f"{path}: has {len(names)} names for joints3d_m {points.shape}; expected {_WHAT}, "
@@ -148,12 +151,12 @@ def _joints(path: Path) -> tuple[Sequence[str], Floats, float | None, NDArray[np
             )
         beside = matching(path.parent, "*.trc")
         rate = read_trc(beside[0]).rate if beside else None
-        return names, points, rate, np.arange(len(points))
+        return Markers(names, points, np.arange(len(points)), rate)
     markers = read_trc(path)
     # files are Y up, calibrations Z up: Pose2Sim turns the axes round when it writes
     # rows of whole videos are counted from 0 or 1, of parts from 1, as perfcap does
     frames = markers.frames - min(int(markers.frames[0]), 1)
-    return markers.names, markers.points[..., [2, 0, 1]], markers.rate, frames
+    return replace(markers, points=markers.points[..., [2, 0, 1]], frames=frames)
 
 
 def _doubts(reference: Path, frames: NDArray[np.int64]) -> Iterator[str]:

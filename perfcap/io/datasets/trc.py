@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,13 +27,15 @@ class Markers:
         names: M.
         points: (F, M, 3), metres, NaN where nothing was measured.
         frames: as the file numbers them, (F,).
-        rate: frames a second.
+        rate: frames a second, if known.
+        warnings: what a user should know.
     """
 
     names: tuple[str, ...]
     points: NDArray[np.float64]
     frames: NDArray[np.int64]
-    rate: float
+    rate: float | None
+    warnings: tuple[str, ...] = ()
 
 
 def read_trc(path: Path) -> Markers:
@@ -70,7 +73,21 @@ def read_trc(path: Path) -> Markers:
             f"{numbers[-1]:g}; expected whole numbers from 0 to {_LAST} that grow from line to line"
         )
     points = _UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
-    return Markers(tuple(name.strip() for name in names), points, table[:, 0].astype(int), rate)
+    return Markers(
+        tuple(name.strip() for name in names),
+        points,
+        table[:, 0].astype(int),
+        rate,
+        tuple(_missing(path, header, len(rows), len(names))),
+    )
+
+
+def _missing(path: Path, header: Mapping[str, str], frames: int, markers: int) -> Iterator[str]:
+    """That a file has fewer frames or markers than its header promises."""
+    for key, found in (("NumFrames", frames), ("NumMarkers", markers)):
+        promised = header.get(key, "")
+        if promised.isdecimal() and len(promised) < 10 and int(promised) > found:
+            yield f"{path.name}: says {key} {int(promised)} and has {found}; is it whole?"
 
 
 def _row(path: Path, line: str, markers: int) -> list[float]:

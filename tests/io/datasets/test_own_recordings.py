@@ -202,6 +202,17 @@ def test_pose2sim_turns_axes_to_the_calibration(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(("lost", "said"), [(0, False), (1, True)])
+def test_a_trc_that_lost_its_end(tmp_path: Path, lost: int, said: bool) -> None:
+    points = write_pose2sim(tmp_path)
+    path = tmp_path / "trial" / "pose-3d" / "trial.trc"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[: len(lines) - lost]))
+    warnings = POSE2SIM.read(tmp_path, "trial").warnings
+    line = f"trial.trc: says NumFrames {len(points)} and has {len(points) - 1}; is it whole?"
+    assert (line in warnings) == said
+
+
 def test_millimetres(tmp_path: Path) -> None:
     write_pose2sim(tmp_path, "mm")
     sequence = POSE2SIM.read(tmp_path, "trial")
