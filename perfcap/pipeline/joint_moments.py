@@ -11,6 +11,7 @@ _FAR = 15.0  # degrees that one limb in twenty may be off; right recordings have
 _LATE = 5.0  # degrees; less of them is named where a shift explains it: a frame of a slow walk
 _OTHERWISE = 30.0  # degrees of half of the limbs: rotations of something else, at any moment
 _LEFT = 1 / 3  # of the degrees, at most, where a shift explains them
+_ALIKE = 10.0  # degrees left, at most: noise of 2 cm has 9, another walk at its best shift 16
 _LONGEST = 0.5  # s of a shift
 _SHARE = 3  # of the frames, a third at most, are shifted out of the clip
 _MEAN = 5  # frames, whose mean is left by noise of 2 cm with half of its 15 degrees
@@ -33,13 +34,14 @@ def moment_doubts(carried: Tensor, shown: Tensor, rate: float) -> Iterator[str]:
     most = _most(carried, shown)
     far = f"rotations take one limb in twenty {most:.0f} degrees or more off its joints' line"
     shift, left = _shift(smooth[:_ENOUGH], seen[:_ENOUGH], max(1, round(_LONGEST * rate)))
-    if shift and left < _LEFT * off:
+    alike = min(_LEFT * off, _ALIKE)
+    if shift and left < alike:
         frames = f"{abs(shift)} frame" + ("s" if abs(shift) > 1 else "")
         yield (
             f"positions show moments about {frames} {'later' if shift > 0 else 'earlier'} than "
             f"rotations of the same rows ({far}); give both of the same frames"
         )
-    elif off > _FAR and _most(smooth, seen.flip(0)) < _LEFT * off:
+    elif off > _FAR and _most(smooth, seen.flip(0)) < alike:
         yield f"positions run backwards as against rotations ({far}); give both in one order"
     elif usual > _OTHERWISE:
         yield (

@@ -85,7 +85,8 @@ def scale_doubts(ratio: float, scale: float) -> Iterator[str]:
     if not 1 / _OTHER_LEGS <= scale / ratio <= _OTHER_LEGS:
         yield (
             f"scale is {scale:.3g}, and the target's legs are {ratio:.3g} times as long as the "
-            "source's: feet that stand would slide; expected about that, or None, which takes it"
+            "source's: feet that stand slide; expected about that, unless people who are to stay "
+            "together share a scale"
         )
 
 
