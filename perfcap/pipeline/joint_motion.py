@@ -14,6 +14,7 @@ from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.sole_points import SOLE_POINTS, sole_skeleton
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.joint_moments import moment_doubts
 from perfcap.pipeline.rest_stance import upright_turn
 
 SOLES = 2 * len(SOLE_POINTS)
@@ -33,7 +34,6 @@ _UNITS = 10.0  # times; centimetres, inches and millimetres are more
 _ALIKE = 1.5  # times; above it, joints are of another skeleton
 _SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
 _STEEP, _NEARLY, _FEWEST = 0.5, 0.95, 5  # cosine to y, of the frames, frames that say something
-_OTHERWISE = 30.0  # degrees; limbs that are rigid have none
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,13 @@ class JointMotion:
             )
 
 
-def require_same_limbs(source: Actor, joints: JointMotion) -> None:
+def require_same_limbs(source: Actor, joints: JointMotion, rate: float = 30.0) -> None:
     """Refuse joints in another unit than their skeleton, and warn of other limbs and worlds.
+
+    Args:
+        source: whose joints they are.
+        joints: in motion, (F,), metres.
+        rate: frames a second.
 
     Raises:
         InputError: limbs are more than ten times as long as the source's, or less than a tenth.
@@ -101,13 +106,8 @@ def require_same_limbs(source: Actor, joints: JointMotion) -> None:
             stacklevel=4,
         )
     carried = (turn[:, start] @ own.unsqueeze(-1)).squeeze(-1)
-    apart = float(torch.rad2deg(torch.acos(_cosine(carried, shown)).median()))
-    if apart > _OTHERWISE:
-        warnings.warn(
-            f"joints: rotations take the source's limbs {apart:.0f} degrees from where its joints "
-            "are; expected rest-to-posed rotations in the world, which turn columns",
-            stacklevel=4,
-        )
+    for line in moment_doubts(carried, shown, rate):
+        warnings.warn(f"joints: {line}", stacklevel=4)
 
 
 def _lies(place: Tensor) -> bool:
@@ -128,10 +128,6 @@ def _lengthwise(place: Tensor) -> str:
     body = (place[:, end].mean(1) - place[:, start].mean(1)).mean(0)
     along = int(body.abs().argmax())
     return ("-" if body[along] < 0 else "") + "xyz"[along]
-
-
-def _cosine(one: Tensor, other: Tensor) -> Tensor:
-    return torch.nn.functional.cosine_similarity(one, other, dim=-1).clamp(-1, 1)
 
 
 def person_joints(skeleton: Skeleton) -> list[int]:

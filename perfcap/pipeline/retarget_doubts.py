@@ -22,6 +22,7 @@ _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
 _NECKS = 5.0  # degrees more of trunks, whose necks are drawn elsewhere: up to 13 in recordings
 _OFF_FLOOR = 0.5  # m
 _LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
+_OTHER_LEGS = 2.0  # times, that people who share a scale may differ from it by
 _HASTE = 0.98  # of the speed that hinges of robots may have
 
 
@@ -71,6 +72,21 @@ def retarget_doubts(
             f"hinges turn at {float(speed.max()):.0f} degrees a second in {len(fast)} frames, "
             f"first in frame {numbers[fast[0] + 1]}: limits leave no short way between two poses, "
             "and limbs are off meanwhile"
+        )
+
+
+def scale_doubts(ratio: float, scale: float) -> Iterator[str]:
+    """A scale of the way of the hips that is not that of the legs.
+
+    Args:
+        ratio: length of the target's legs by that of the source's, times.
+        scale: metres of the target for a metre of the source.
+    """
+    if not 1 / _OTHER_LEGS <= scale / ratio <= _OTHER_LEGS:
+        yield (
+            f"scale is {scale:.3g}, and the target's legs are {ratio:.3g} times as long as the "
+            "source's: feet that stand slide; expected about that, unless people who are to stay "
+            "together share a scale"
         )
 
 

@@ -43,7 +43,7 @@ from perfcap.pipeline.motion_order import order_doubts
 from perfcap.pipeline.objective import angle_bounds, soft_edge
 from perfcap.pipeline.place_units import place_doubts
 from perfcap.pipeline.pose_paths import Pace, in_turn, paced
-from perfcap.pipeline.retarget_doubts import retarget_doubts
+from perfcap.pipeline.retarget_doubts import retarget_doubts, scale_doubts
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.retarget_scores import retarget_scores
 from perfcap.pipeline.stances import contact_probability
@@ -111,11 +111,12 @@ def retarget(
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
-    require_same_limbs(source, joints)
+    require_same_limbs(source, joints, rate)
     doubts = *order_doubts(joints.position, rate), *place_doubts(points, rate, leg_length(source))
-    for line in (*rate_doubts(rate), *doubts):
+    ratio = leg_length(target) / leg_length(source)
+    scale = ratio if scale is None else scale
+    for line in (*rate_doubts(rate), *doubts, *scale_doubts(ratio, scale)):
         warnings.warn(f"retarget: {line}", stacklevel=2)
-    scale = leg_length(target) / leg_length(source) if scale is None else scale
     found = _carried(source, joints, target, rate, config, scale)
     if not examined:
         scores = retarget_scores(source, joints, target, found, rate)
