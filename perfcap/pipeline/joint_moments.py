@@ -11,10 +11,10 @@ _FAR = 15.0  # degrees that one limb in twenty may be off; right recordings have
 _LATE = 5.0  # degrees; less of them is named where a shift explains it: a frame of a slow walk
 _OTHERWISE = 30.0  # degrees of half of the limbs: rotations of something else, at any moment
 _LEFT = 1 / 3  # of the degrees, at most, where a shift explains them
-_ALIKE = 10.0  # degrees left, at most: noise of 2 cm has 9, another walk at its best shift 16
+_ALIKE = 10.0  # degrees left, at most: more than noise leaves, less than another walk
 _LONGEST = 0.5  # s of a shift
 _SHARE = 3  # of the frames, a third at most, are shifted out of the clip
-_MEAN = 5  # frames, whose mean is left by noise of 2 cm with half of its 15 degrees
+_MEAN = 5  # frames whose mean direction counts: noise of single frames counts less
 _ENOUGH = 2000  # frames that shifts are looked for in
 
 
