@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from perfcap.app.mask_pixels import Mask, MaskPixels, mask_pixels
 from perfcap.app.truth import Truth, match_frames
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.image_file import decode_image, read_silhouette
 from perfcap.io.surface_file import SurfaceFile
 from perfcap.metrics import silhouette_mismatches, silhouette_scores
 from perfcap.render import rasterize
-
-Mask = NDArray[np.bool_]
 
 _LOOKED, _LAGS, _LONGEST = 12, 10, 160  # frames, frames around each, px
 _WELL, _WORSE = 0.85, 0.2  # overlap of masks, and how much less that of the surface is
@@ -64,20 +64,36 @@ def drawn_silhouettes(surface: SurfaceFile, truth: Truth) -> Silhouettes | None:
     )
 
 
-def mask_silhouettes(folder: Path, truth: Truth) -> Silhouettes | None:
-    """The masks of a result, ``masks/%06d.png``; None where it or the truth has none."""
+def mask_silhouettes(folder: Path, truth: Truth) -> tuple[Silhouettes | None, list[str]]:
+    """The masks of a result, ``masks/%06d.png``, in pixels of the truth.
+
+    None where the result or the truth has none, and where their pixels have nothing known in
+    common, which a remark explains.
+    """
     files = {int(path.stem): path for path in folder.glob("[0-9]*.png") if path.stem.isdecimal()}
-    if not files or not truth.sequence.masks:
-        return None
+    sequence = truth.sequence
+    if not files or not sequence.masks:
+        return None, []
     frames = np.array(sorted(files))
     rows, others = match_frames(frames, truth, str(folder))
+
+    def read(row: int) -> Mask:
+        return read_silhouette(files[int(frames[row])], person=1)
+
+    sizes = (read(0).shape, _gray(sequence.masks[0]).shape)
+    video, true = ((height, width) for height, width in sizes)
+    try:
+        pixels = mask_pixels(folder.parent, video, true, sequence.rig)
+    except InputError as error:
+        return None, [f"{folder}: masks are not compared with true silhouettes: {error}"]
     return _beside(
         f"{folder}: masks",
         rows,
         others,
-        lambda row, _: read_silhouette(files[int(frames[row])], person=1),
+        lambda row, _: pixels.of_result(read(row)),
         truth,
-    )
+        pixels,
+    ), []
 
 
 def _beside(
@@ -86,15 +102,21 @@ def _beside(
     others: list[int],
     read: Callable[[int, int], Mask],
     truth: Truth,
+    pixels: MaskPixels | None = None,
 ) -> Silhouettes:
     masks = truth.sequence.masks
     spread = np.unique(np.linspace(0, len(masks) - 1, _LOOKED).astype(int))
     brightest = max(int(_gray(masks[row]).max()) for row in spread)
+
+    def true(row: int) -> Mask:
+        mask: Mask = _gray(masks[row]) > brightest / 2  # 255, or labels: 0 and 1
+        return mask if pixels is None else pixels.of_truth(mask)
+
     return Silhouettes(
         what,
         tuple(zip(rows, others, strict=True)),
         read,
-        lambda row: _gray(masks[row]) > brightest / 2,  # 255, or labels: 0 and 1
+        true,
         {int(number): row for row, number in enumerate(truth.sequence.frames.tolist())},
     )
 
@@ -119,13 +141,14 @@ def compare_silhouettes(
 
     Returns:
         Scores by name, percent, and of how many frames they are; and mistakes in the true
-        silhouettes, or in the camera of the truth, that those of the result show.
+        silhouettes, or in the camera of the truth, that those of the result show, or why masks
+        are not compared.
 
     Raises:
         InputError: frames do not belong together, or an image cannot be used.
     """
     scores: dict[str, float] = {}
-    masks = mask_silhouettes(folder, truth)
+    masks, lacking = mask_silhouettes(folder, truth)
     drawn = None if surface is None else drawn_silhouettes(surface, truth)
     notes: list[str] = []
     covered = overlap = None
@@ -139,9 +162,9 @@ def compare_silhouettes(
         scores["segmentation_frames"] = float(len(masks.pairs[::every]))
         notes += _told(masks)
     if drawn is None or overlap is None or (masks is not None and notes):
-        return scores, notes  # outlines would say what masks say
+        return scores, lacking + notes  # outlines would say what masks say
     if covered is None or covered["iou"] < 100 * _WELL:
-        return scores, notes + _told(drawn)
+        return scores, lacking + notes + _told(drawn)
     # A surface that is a little aside is the result's own fault; one with more or fewer clothes
     # than the person holds all of the silhouette, or lies within it
     holds = max(overlap["precision"], overlap["recall"])

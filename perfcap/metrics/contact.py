@@ -9,7 +9,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.signed_gap import Mesh, signed_gap
-from perfcap.metrics.missing import frame_mean
+from perfcap.metrics.missing import check_heights, check_metres, frame_mean
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_number
 
@@ -17,6 +17,7 @@ CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
 CONTACT_SPEED = 0.3  # m/s
 
 _MILLIMETRES = 1000.0
+_STEEP = 10.0  # times the way of a foot that its height changes: of a slope, less
 _UNIT = 1e-3  # that the length of a direction may be off
 
 
@@ -53,8 +54,8 @@ def floor_contact(
         speed: and no faster than this, m/s.
 
     Raises:
-        InputError: shapes that do not belong together, no positive frame rate, or limits that are
-            none.
+        InputError: shapes that do not belong together, feet or heights in another unit, no positive
+            frame rate, or limits that are none.
     """
     require_number(rise, "rise", least=0)
     require_number(speed, "speed", least=0)
@@ -63,6 +64,8 @@ def floor_contact(
             f"feet have shape {tuple(feet.shape)} and height {tuple(height.shape)}; give "
             "(*b, F, K, 3) and (*b, F, K)"
         )
+    check_metres(feet=feet)
+    _check_one_unit(feet, height, rise)
     fps = frame_rate(fps, "fps")
     known = torch.where(height.isfinite(), height, torch.inf)
     # where no height of a joint is known its lowest is infinite too, and nothing of it stands
@@ -70,6 +73,20 @@ def floor_contact(
     slow = feet.diff(dim=-3).norm(dim=-1) * fps <= speed
     stands: Tensor = low[..., 1:, :] & low[..., :-1, :] & slow
     return stands
+
+
+def _check_one_unit(feet: Tensor, height: Tensor, rise: float) -> None:
+    """Refuse heights (*b, F, K) that change much more in a step than feet (*b, F, K, 3) move."""
+    way, change = feet.detach().diff(dim=-3).norm(dim=-1), height.detach().diff(dim=-2).abs()
+    valid = (way > 0) & way.isfinite() & change.isfinite() & (change > rise)
+    if not bool(valid.any()):
+        return
+    ratio = float((change[valid] / way[valid]).median())
+    if ratio > _STEEP:
+        raise InputError(
+            f"height changes {ratio:.4g} times as much as feet move, expected metres in both; "
+            "convert them"
+        )
 
 
 def foot_skate(feet: Tensor, contact: Tensor, up: Tensor) -> Tensor:
@@ -84,8 +101,8 @@ def foot_skate(feet: Tensor, contact: Tensor, up: Tensor) -> Tensor:
         NaN where nothing stands.
 
     Raises:
-        InputError: shapes that do not belong together, contact that is not bool, or an ``up`` of
-            another length than 1.
+        InputError: shapes that do not belong together, feet in another unit, contact that is not
+            bool, or an ``up`` of another length than 1.
     """
     if contact.dtype != torch.bool:
         raise InputError(f"contact is {contact.dtype}, expected bool; probabilities are cut at 0.5")
@@ -97,6 +114,7 @@ def foot_skate(feet: Tensor, contact: Tensor, up: Tensor) -> Tensor:
             f"contact has shape {tuple(contact.shape)} for feet {tuple(feet.shape)}; give one a "
             "step and foot, (*b, F - 1, K)"
         )
+    check_metres(feet=feet)
     sideways = step - (step * up).sum(-1, keepdim=True) * up
     size = _MILLIMETRES * sideways.norm(dim=-1)
     return frame_mean(size, contact & size.isfinite())
@@ -110,11 +128,12 @@ def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
         tolerance: a depth up to this is no fault, metres.
 
     Raises:
-        InputError: a tolerance that is none, or heights of no points or no frames.
+        InputError: a tolerance that is none, or heights of no points, no frames or another unit.
     """
     require_number(tolerance, "tolerance", least=0)
     if height.dim() < 2 or 0 in height.shape[-1:]:
         raise InputError(f"height has shape {tuple(height.shape)}, expected (*b, F, N)")
+    check_heights(height)
     valid = height.isfinite().all(-1)
     depth = torch.where(valid, -height.amin(-1), 0).clamp(min=0)
     frames = valid.sum(-1)

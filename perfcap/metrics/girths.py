@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import median
 
 from perfcap.errors import InputError
 
 _MILLIMETRES = 1000.0
+_LARGE = 5.0  # m: no person has such a height or girth, and in centimetres a child's wrist has more
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,17 @@ def girth_errors(found: Mapping[str, float], truth: Mapping[str, float]) -> Girt
     ``dataclasses.asdict(perfcap.actor.measurements.measure(template))`` gives them of a template.
 
     Raises:
-        InputError: a measure of the truth is no positive number.
+        InputError: a measure of the truth is no positive number, or measures are in another unit.
     """
     for name, value in truth.items():
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"true {name} is {value}, expected metres")
+    for whose, measures in (("found", found), ("true", truth)):
+        known = [measures[name] for name in truth if math.isfinite(measures.get(name, math.nan))]
+        if known and median(known) > _LARGE:
+            raise InputError(
+                f"{whose} measures are about {median(known):.4g}, expected metres; convert them"
+            )
     both = {name: found[name] for name in truth if math.isfinite(found.get(name, math.nan))}
     errors = {name: _MILLIMETRES * abs(value - truth[name]) for name, value in both.items()}
     count = len(errors)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.metrics.missing import check_metres
 
 _FARTHEST = 500.0  # mm: no clothes are so wide
 _BLOCK = 8  # markers compared with all triangles at once
@@ -87,19 +88,26 @@ def marker_error(found: Tensor, measured: Tensor) -> MarkerError:
     """Distance of markers (*b, F, M, 3) from the measured ones, metres; NaN was not measured.
 
     Raises:
-        InputError: the shapes differ.
+        InputError: the shapes differ, or markers are in another unit.
     """
     if found.shape != measured.shape or found.shape[-1:] != (3,) or found.dim() < 3:
         raise InputError(
             f"markers have shape {tuple(found.shape)} and were measured as "
             f"{tuple(measured.shape)}; give both as (*b, F, M, 3)"
         )
+    check_metres(found=_filled(found), measured=_filled(measured))
     apart = 1e3 * (found - measured).norm(dim=-1)
     valid = apart.isfinite()
     count = valid.sum((-2, -1))
     mean = torch.where(valid, apart, 0).sum((-2, -1)) / count
     square = torch.where(valid, apart - mean[..., None, None], 0).square().sum((-2, -1))
     return MarkerError(mean, (square / count).sqrt(), (~valid).sum((-2, -1)))
+
+
+def _filled(markers: Tensor) -> Tensor:
+    """Markers (*b, F, M, 3), missing ones in the middle of the frame's others: none spans more."""
+    known = torch.where(markers.isfinite().all(-1, keepdim=True), markers, torch.nan)
+    return torch.where(known.isnan(), known.nanmean(-2, keepdim=True), known)
 
 
 def _nearest(points: Tensor, triangles: Tensor) -> tuple[Tensor, Tensor]:

@@ -53,6 +53,23 @@ def check_metres(**joints: Tensor) -> None:
             )
 
 
+def check_heights(height: Tensor) -> None:
+    """Refuse heights (*b, F, N) of a person whose frames most often span more than any in metres.
+
+    Where the person is above the floor says nothing: an estimate may be anywhere.
+
+    Raises:
+        InputError: some do.
+    """
+    frames = height.detach()[height.isfinite().all(-1)].double()
+    span = float((frames.amax(-1) - frames.amin(-1)).median()) if len(frames) else 0.0
+    if span > _PERSON:
+        raise InputError(
+            f"height spans {span:.4g} from lowest to highest in a frame, expected metres; convert "
+            "it"
+        )
+
+
 def check_places(truth: Tensor, valid: Tensor | None = None, name: str = "truth") -> None:
     """Refuse joints (*b, F, J, 3) of which two or more of a frame are at 0, 0, 0.
 

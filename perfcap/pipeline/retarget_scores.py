@@ -95,12 +95,14 @@ def retarget_scores(
     before = carried_landmarks(source.skeleton, joints)[:, feet]
     contact = floor_contact(before, before[..., 1], rate)
     up = before.new_tensor(_UP)
+    # at the source's size: a character may be a giant, whose feet look like millimetres
+    after = pose.landmarks[:, feet] / found.scale
     return RetargetScores(
         limbs=_apart(_between(ours, LIMBS), _between(theirs, LIMBS)),
         facing=_apart(_between(ours, _ACROSS), _between(theirs, _ACROSS)),
         trunk=_apart(_trunk(ours), _trunk(theirs)),
         reach=_MILLIMETRES * reach,
-        slide=float(foot_skate(pose.landmarks[:, feet], contact, up)),
+        slide=found.scale * float(foot_skate(after, contact, up)),
         source_slide=found.scale * float(foot_skate(before, contact, up)),
     )
 

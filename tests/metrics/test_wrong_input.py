@@ -21,10 +21,12 @@ from perfcap.metrics import (
     counted_joints,
     floor_contact,
     foot_skate,
+    girth_errors,
     image_correct_share,
     jerk,
     joint_errors,
     limit_violations,
+    marker_error,
     mask_overlap,
     penetration,
     torso_size,
@@ -248,3 +250,47 @@ def test_motion_in_millimetres_and_seconds_of_a_frame() -> None:
             measure(1000 * TRUTH)
     with pytest.warns(UserWarning, match="a frame takes 0.03333 s, give 30"):
         jerk(TRUTH, 1 / 30)
+
+
+@pytest.mark.parametrize("unit", [200, 1000])
+def test_feet_markers_and_heights_in_another_unit(unit: float) -> None:
+    feet = TRUTH[:, :2]
+    for measure in (
+        lambda scale: foot_skate(scale * feet, STEPS, UP),
+        lambda scale: floor_contact(scale * feet, scale * feet[..., 1], 30.0),
+        lambda scale: marker_error(scale * FOUND, TRUTH),
+        lambda scale: marker_error(FOUND, scale * TRUTH),
+        lambda scale: penetration(scale * TRUTH[..., 1]),
+    ):
+        measure(1.0)
+        with pytest.raises(InputError, match=r"spans .* in a frame, expected metres; convert"):
+            measure(unit)
+
+
+def test_heights_in_another_unit_than_the_feet() -> None:
+    feet = TRUTH[:, :2]
+    with pytest.raises(InputError, match=r"times as much as feet move, expected metres in both"):
+        floor_contact(feet, 1000 * feet[..., 1], 30.0)
+
+
+def test_markers_with_gaps_in_millimetres() -> None:
+    measured = 1000 * TRUTH
+    measured[:, 3] = torch.nan
+    with pytest.raises(InputError, match=r"^measured spans .* expected metres; convert them"):
+        marker_error(FOUND, measured)
+
+
+def test_the_place_of_an_estimate_is_no_unit() -> None:
+    assert float(penetration(TRUTH[..., 1] - 500).depth) > 499_000
+    assert float(marker_error(FOUND + 500, TRUTH + 500).mean) < 20
+
+
+@pytest.mark.parametrize("unit", [100, 1000])
+def test_girths_in_another_unit(unit: float) -> None:
+    body = {"chest": 1.0, "waist": 0.8, "wrist": 0.15}
+    other = {name: unit * value for name, value in body.items()}
+    for found, truth, whose in ((other, body, "found"), (body, other, "true")):
+        with pytest.raises(InputError, match=f"^{whose} measures are about .* expected metres"):
+            girth_errors(found, truth)
+    with pytest.raises(InputError, match="expected metres"):
+        girth_errors({"wrist": 12.0}, {"wrist": 0.12})
