@@ -33,7 +33,8 @@ _PARTS = (
 _STEADIER, _SHORTER, _LIMB_SHORTER = 0.8, 0.9, 0.95
 _FAR_SHORTER, _ALIKE = 0.75, 1.15
 # In clips of fewer frames errors of joints often stay what they are, and make right bones longer
-# than crosswise. Several views of longer ones are looked at in as many frames, evenly spread
+# than crosswise (``pairs_of_clips.py``). Several views of longer ones are looked at in as many
+# frames, evenly spread
 _FEW, _SHORTER_OF_FEW, _LIMB_SHORTER_OF_FEW = 24, 0.8, 0.92
 _FEWEST = 10  # frames
 _REMEDY = "exchange their names or columns: in the order of the joints they are each other's"
