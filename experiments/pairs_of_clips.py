@@ -19,8 +19,10 @@ from torch import Tensor
 
 from perfcap.io.doctor.pairs import examine_pairs, exchange
 
-_LIMBS = (("elbow",), ("wrist",), ("knee",), ("ankle",), ("toe",), ("elbow", "wrist"))
-_LIMBS += (("knee", "ankle", "toe"), ("knee", "ankle"), ("ankle", "toe"))
+_LIMBS: tuple[tuple[str, ...], ...] = (
+    *(("elbow",), ("wrist",), ("knee",), ("ankle",), ("toe",)),
+    *(("elbow", "wrist"), ("knee", "ankle", "toe"), ("knee", "ankle"), ("ankle", "toe")),
+)
 
 
 @dataclass(frozen=True)
