@@ -1,6 +1,7 @@
 """One joint of both sides that is exchanged in every frame and view, as in a hand-made order."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,10 +10,13 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.io.calibration import CameraRig
+from perfcap.io.calibration import CameraRig, read_cameras
+from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Finding, Severity, examine_agreement, examine_detections
 from perfcap.io.doctor.pairs import examine_pairs
 
+SKIRT = Path(__file__).parents[2] / "../shared/data/rendered/dev_skirt"
+needs_data = pytest.mark.skipif(not SKIRT.exists(), reason="needs the shared data beside this tree")
 PAIRS = ("elbow", "wrist", "knee", "ankle", "toe")
 
 
@@ -87,3 +91,17 @@ def test_who_folds_their_hands_or_stands_still_is_left_alone() -> None:
     folded[:, left] = folded[:, right] = 0.5 * (joints[:, left] + joints[:, right])
     for case in (folded, folded + 0.03 * noise, joints[:1] + 0.03 * noise, joints + 0.06 * noise):
         assert examine_pairs("a", case) == []
+
+
+@needs_data
+@pytest.mark.parametrize(("start", "stop"), [(0, 20), (2, 22), (9, 21), (18, 28)])
+def test_right_joints_of_a_short_clip_are_quiet(start: int, stop: int) -> None:
+    """Errors that stay for a while, of who hardly moves, are no exchange of ankles or toes."""
+    whole = read_cameras(SKIRT / "camera.json")
+    seen = read_detections([SKIRT / "detections.npz"], views=whole.names)[0]
+    part = seen.frames(slice(start, stop))
+    assert [each for each in examine_detections(whole, part) if "exchanged" in each.what] == []
+    for names in (("elbow",), ("elbow", "wrist")):  # which are no less named
+        assert any(
+            "crosswise" in each.what for each in examine_detections(whole, spoiled(part, *names))
+        )

@@ -155,3 +155,14 @@ def test_somebody_who_turns_around_quickly_is_no_exchange() -> None:
         some = CameraRig(tuple(NAMES[view] for view in views), rig().cameras.select(views))
         seen = replace(detections(), joints2d=pixels + noise).select(views)
         assert examine_agreement(some, seen) == []
+
+
+@pytest.mark.skipif(not TAKE.exists(), reason="needs the shared data beside this tree")
+def test_legs_that_few_frames_of_two_views_lengthen_are_in_metres() -> None:
+    views, seen = taken([1, 4])
+    part = seen.frames(slice(24, 36))
+    assert examine_agreement(views, part) == []
+    for factor in (2.54, 3.28, 10.0, 100.0, 1000.0, 0.1):
+        far = replace(views.cameras, translation=factor * views.cameras.translation)
+        found = examine_agreement(replace(views, cameras=far), part)
+        assert any("legs measure" in each.what for each in found), factor
