@@ -78,13 +78,19 @@ def read_trc(path: Path) -> Markers:
         points,
         table[:, 0].astype(int),
         rate,
-        tuple(_missing(path, header, len(rows), len(names))),
+        tuple(_missing(path, header, numbers, len(names))),
     )
 
 
-def _missing(path: Path, header: Mapping[str, str], frames: int, markers: int) -> Iterator[str]:
-    """That a file has fewer frames or markers than its header promises."""
-    for key, found in (("NumFrames", frames), ("NumMarkers", markers)):
+def _missing(
+    path: Path, header: Mapping[str, str], numbers: NDArray[np.float64], markers: int
+) -> Iterator[str]:
+    """That a file ends, in frames or markers, before its header says.
+
+    Of a part of a video frames keep their numbers, and a header may count those before it.
+    """
+    last = int(numbers[-1] - min(numbers[0], 1)) + 1
+    for key, found in (("NumFrames", max(len(numbers), last)), ("NumMarkers", markers)):
         promised = header.get(key, "")
         if promised.isdecimal() and len(promised) < 10 and int(promised) > found:
             yield f"{path.name}: says {key} {int(promised)} and has {found}; is it whole?"
