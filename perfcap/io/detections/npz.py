@@ -80,6 +80,17 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track] | li
     ]
 
 
+def named_views(path: Path) -> tuple[str, ...]:
+    """Names of views that an archive of joints lists; none where it lists or is none."""
+    if path.suffix.lower() != ".npz":
+        return ()
+    try:
+        names = read_archive(path, ("view_names",), "detections.npz").get("view_names")
+    except InputError:  # whoever reads its joints says so
+        return ()
+    return () if names is None else tuple(str(name) for name in names.reshape(-1))
+
+
 def _unread(path: Path) -> tuple[str, ...]:
     """Arrays that mean nothing here: names mistyped, or numbers that the user counts on."""
     found = other_arrays(path, _ARRAYS, "detections.npz")

@@ -26,7 +26,7 @@ from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
-from perfcap.io.doctor.sides import examine_exchange, examine_sides
+from perfcap.io.doctor.sides import examine_exchange, examine_sides, examine_sides_of_two
 from perfcap.io.doctor.stretches import examine_stretches
 from perfcap.io.doctor.turned_camera import LIKELIER, TurnedCamera, turned_camera
 from perfcap.io.doctor.turned_parts import examine_turned_limbs
@@ -211,14 +211,18 @@ def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Fin
     """The unit of the world, and joints that have the names of others in every view."""
     points, _ = scene.sampled().triangulated(rounds=6)
     # hips, a shank and its foot are rarely known together where two views see them
-    more, _ = scene.sampled(_OF_SIDES).triangulated(rounds=6)
+    more, residual = scene.sampled(_OF_SIDES).triangulated(rounds=6)
+    likely: list[Finding] = []
+    if scene.detections.views == 2:
+        exchanged, likely = examine_sides_of_two("detections", more, residual, successive)
+    else:
+        exchanged = examine_sides("detections", more, successive=successive)
     exchanged = (
-        examine_sides("detections", more, successive=successive)
-        or examine_pairs("detections", points)
-        or examine_neighbours("detections", points)
+        exchanged or examine_pairs("detections", points) or examine_neighbours("detections", points)
     )
     everywhere = tuple(range(scene.detections.views))
-    return _scale(points), [replace(each, views=everywhere) for each in exchanged]
+    # what is likely alone takes no trust from joints
+    return _scale(points), [replace(each, views=everywhere) for each in exchanged] or likely
 
 
 def _stretches(

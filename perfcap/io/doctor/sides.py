@@ -25,6 +25,10 @@ _CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of
 # cosine; frames that show both, and share of them in which they run opposite ways
 _HIPS, _SHOULDERS, _CLEARLY = 0.05, 0.08, 0.5
 _SHOW, _OPPOSITE = 8, 0.8
+# Of two views: residuals of a joint that one of them has elsewhere, times the median and at least,
+# on the plane (real ones have medians of 0.002); spread of the hips' width, logarithm, above which
+# its direction is not known (chosen with renderings: right ones up to 0.4, of opposite views 0.6)
+_WILD, _TAME, _WOBBLY = 8.0, 0.005, 0.5
 _BENT = 0.34  # sine of a knee that says how it bends
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
 _KNEES = 8, 0.9  # frames, and share of them, by knees: of dancers some are turned far out
@@ -65,6 +69,60 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
         what = f"left and right look exchanged in {share} images: the feet point backwards there"
         return [Finding(Severity.WARNING, subject, what, _REMEDY)]
     return []
+
+
+def examine_sides_of_two(
+    subject: str, points: Tensor, residual: Tensor, successive: bool = True
+) -> tuple[list[Finding], list[Finding]]:
+    """The same of joints that two views place: what they hardly know is no error.
+
+    A third view shows which of two has a joint elsewhere. Without it such joints are left out, and
+    the hips' line counts only where it keeps its length: of two views from in front and from
+    behind, or that take one hip for the other, it does not.
+
+    Args:
+        subject: of the finding.
+        points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
+        residual: of these, (F, 16), on the plane one unit before the camera, NaN where unknown.
+        successive: as of ``examine_sides``.
+
+    Returns:
+        What is so, and what is likely at most, as warnings; one of them is empty.
+    """
+    wild = residual > max(_WILD * float(residual.nanmedian()), _TAME)
+    seen = torch.where(wild.unsqueeze(-1), torch.nan, points)
+    found = examine_sides(subject, seen, successive=successive)
+    if not found:
+        seen = points
+        found = examine_sides(subject, seen, successive=successive)
+    elif _steady(seen):
+        return found, []
+    return [], [_likely(each, seen) if each.severity is Severity.ERROR else each for each in found]
+
+
+def _steady(points: Tensor) -> bool:
+    """Whether hips keep their width in the frames that say something."""
+    clear = torch.stack(bearings(points)).abs().nan_to_num().amax(0) > AHEAD
+    left, right = (points[clear, LANDMARKS.index(f"{side}_hip")] for side in "lr")
+    width = (left - right).norm(dim=-1).log()
+    width = width[width.isfinite()]
+    return len(width) < 2 or float(width.std()) <= _WOBBLY
+
+
+def _likely(found: Finding, points: Tensor) -> Finding:
+    """What frames show, in numbers, where that is no proof."""
+    cosine, level = bearings(points)
+    sign = "knees bend" if bool(_feet(points).isnan().all()) else "feet point"
+    sign = f"the {sign} backwards"
+    if _against(level):
+        cosine, sign = level, "hips and shoulders have left and right opposite ways"
+    clear = cosine[cosine.abs() > AHEAD]
+    what = (
+        f"left and right may be exchanged: {sign} in {int((clear < 0).sum())} of {len(clear)} "
+        f"frames that show it, of {len(points)}, but the two views do not place these joints surely"
+    )
+    remedy = "look at the joints in the images, or add a view; left and right are the person's own"
+    return Finding(Severity.WARNING, found.subject, what, remedy)
 
 
 def bearings(points: Tensor) -> tuple[Tensor, Tensor]:

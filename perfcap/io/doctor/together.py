@@ -9,7 +9,8 @@ from pathlib import Path
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
-from perfcap.io.view_names import find_view
+from perfcap.io.detections import named_views
+from perfcap.io.view_names import find_view, match_views
 
 
 def at_rate(
@@ -24,8 +25,14 @@ def at_rate(
 def of_others(
     paths: Sequence[str | Path], names: Sequence[str], known: Sequence[str]
 ) -> Iterator[str]:
-    """Files of joints whose names are those of cameras that are not looked through."""
+    """Files of joints whose names are those of cameras that are not looked through.
+
+    A file that lists several views, those of the videos among them, may be called anything.
+    """
     for path in paths:
+        listed = named_views(Path(path))
+        if len(listed) > 1 and match_views(names, listed) is not None:
+            continue
         view = find_view(Path(path).stem.removesuffix("_json"), known)
         if view is not None and known[view] not in names:
             yield (
