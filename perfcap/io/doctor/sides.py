@@ -26,8 +26,8 @@ _CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of
 _HIPS, _SHOULDERS, _CLEARLY = 0.05, 0.08, 0.5
 _SHOW, _OPPOSITE = 8, 0.8
 # Of two views: residuals of a joint that one of them has elsewhere, times the median and at least,
-# on the plane (real ones have medians of 0.002); spread of the hips' width, logarithm, above which
-# its direction is not known (chosen with renderings: right ones up to 0.4, of opposite views 0.6)
+# on the plane; spread of the hips' width, logarithm, above which its direction is not known. Both
+# chosen with renderings
 _WILD, _TAME, _WOBBLY = 8.0, 0.005, 0.5
 _BENT = 0.34  # sine of a knee that says how it bends
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
