@@ -153,7 +153,13 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         # the offsets of some programs are no pose of a person, but people stand in most clips
         standing = standing_pose(whole, rest, mapping.joints)
         turns = turns @ standing.turns.mT
-        imported, notes = _stick_actor(path, standing.motion, standing.places, mapping)
+        try:
+            imported, notes = _stick_actor(path, standing.motion, standing.places, mapping)
+        except InputError as error:
+            raise InputError(
+                f"{error} (its offsets are no pose of a person; frame {standing.frame}, the one "
+                "nearest to standing in the file, was taken)"
+            ) from None
         about = f"{path}: its rest pose is none of a person; frame {standing.frame} is taken"
         notes = (*notes, about)
     _require_bones(path, imported, mapping)

@@ -141,7 +141,7 @@ def test_arms_that_are_raised_are_no_rest_pose(frames: slice, tmp_path: Path) ->
 def test_no_frame_in_which_the_person_stands(tmp_path: Path) -> None:
     motion = slashing(slice(0, None))
     save_bvh(tmp_path / "a.bvh", with_offsets(motion, UPSIDE_DOWN))
-    with pytest.raises(InputError, match=r"shoulder is lifted by 1\d\d degrees"):
+    with pytest.raises(InputError, match=r"shoulder is lifted by 1\d\d.* no pose .* frame \d"):
         read_moving_rig(tmp_path / "a.bvh")
 
 
