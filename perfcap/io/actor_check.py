@@ -20,8 +20,8 @@ from perfcap.io.doctor.finding import Finding, Severity
 Floats = NDArray[np.float64]
 
 _TRUNK = (("pelvis", "spine"), ("spine", "neck"), ("neck", "head"))
-_LEANING = 30.0  # degrees, of the trunk
-_SEATED, _CROUCHED, _RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
+LEANING = 30.0  # degrees, of the trunk: more is no rest pose
+SEATED, CROUCHED, RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
 _INSIDE = 0.3  # winding number of a place within the body; 1 in a closed surface
 _TREE_BONES, _TREE_HEIGHT = 12, 0.6  # of a skeleton that is a person's
 _ASIDE, _NEARER = 0.06, 0.5  # of the height, and of the way to a bone, that its flesh is elsewhere
@@ -127,16 +127,16 @@ def _pose(template: Template) -> Iterator[Finding]:
     """A rest pose from which nobody can be posed well."""
     at = joint_places(template)
     up = np.array([0.0, 1.0, 0.0])
-    angles = {"trunk": (_angle(at["neck"] - at["pelvis"], up), 0.0, _LEANING, "leans by")}
+    angles = {"trunk": (_angle(at["neck"] - at["pelvis"], up), 0.0, LEANING, "leans by")}
     for side in "lr":
         thigh, shank, arm = (
             at[f"{side}_{end}"] - at[f"{side}_{start}"]
             for start, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"))
         )
         angles |= {
-            f"{side}_hip": (_angle(thigh, -up), 0.0, _SEATED, "is bent by"),
-            f"{side}_knee": (_angle(shank, thigh), 0.0, _CROUCHED, "is bent by"),
-            f"{side}_shoulder": (_angle(arm, -up), _HANGING, _RAISED, "is lifted by"),
+            f"{side}_hip": (_angle(thigh, -up), 0.0, SEATED, "is bent by"),
+            f"{side}_knee": (_angle(shank, thigh), 0.0, CROUCHED, "is bent by"),
+            f"{side}_shoulder": (_angle(arm, -up), _HANGING, RAISED, "is lifted by"),
         }
     for name, (angle, low, high, verb) in angles.items():
         if angle > high:

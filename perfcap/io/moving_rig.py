@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
-from perfcap.actor.bone_map import map_bones
 from perfcap.errors import InputError
 from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, rig_character
 from perfcap.io.bvh_read import BvhMotion, joint_positions, load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
+from perfcap.io.bvh_standing import part_of, standing_pose, world_turns
 from perfcap.io.distrust import distrust, kept
 from perfcap.io.doctor.finding import Severity, ranges
 from perfcap.io.files import named_path
@@ -142,8 +142,8 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
     numbers = np.arange(len(whole.rotations))[frames]
     _require_some(path, len(numbers), f"0 to {len(whole.rotations) - 1}")
     told = (*_cut_short(path, frames, len(whole.rotations)), *_odd_turns(path, whole, numbers))
-    motion = replace(whole, rotations=whole.rotations[numbers], positions=whole.positions[numbers])
-    turns, places = _world_turns(motion), joint_positions(motion)
+    motion = part_of(whole, numbers)
+    turns, places = world_turns(motion), joint_positions(motion)
     rest = np.zeros_like(motion.offsets)
     for joint, parent in enumerate(motion.parents.tolist()):
         rest[joint] = motion.offsets[joint] + (rest[parent] if parent >= 0 else 0.0)
@@ -151,10 +151,16 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         imported, notes = _stick_actor(path, motion, rest, mapping)
     except InputError:
         # the offsets of some programs are no pose of a person, but people stand in most clips
-        standing, heading = _standing_frame(motion, rest, places, mapping)
-        rest, turns = places[standing] @ heading.T, turns @ turns[standing].mT @ heading.T
-        imported, notes = _stick_actor(path, motion, rest, mapping)
-        about = f"{path}: its rest pose is none of a person; frame {numbers[standing]} is taken"
+        standing = standing_pose(whole, rest, mapping.joints)
+        turns = turns @ standing.turns.mT
+        try:
+            imported, notes = _stick_actor(path, standing.motion, standing.places, mapping)
+        except InputError as error:
+            raise InputError(
+                f"{error} (its offsets are no pose of a person; frame {standing.frame}, the one "
+                "nearest to standing in the file, was taken)"
+            ) from None
+        about = f"{path}: its rest pose is none of a person; frame {standing.frame} is taken"
         notes = (*notes, about)
     _require_bones(path, imported, mapping)
     bones = _bones(imported)
@@ -184,26 +190,6 @@ def _odd_turns(path: Path, whole: BvhMotion, numbers: NDArray[np.int64]) -> Iter
 def _cut_short(path: Path, frames: slice, count: int) -> Iterator[str]:
     if frames.stop is not None and frames.stop > count:
         yield f"{path}: ends after {count} frames; --frames asks for {frames.stop}"
-
-
-def _standing_frame(
-    motion: BvhMotion, rest: Floats, places: Floats, mapping: ActorMapping
-) -> tuple[int, Floats]:
-    """The frame in which legs and trunk are most upright, and the turn (3, 3) that makes it
-    face +z.
-    """
-    joints = map_bones(stick_figure(motion, rest, "figure"), mapping.joints).joints
-    lean = np.zeros(len(places))
-    for low, high in (("pelvis", "neck"), *((f"{s}_{a}", f"{s}_{b}") for s in "lr"
-                      for a, b in (("knee", "hip"), ("ankle", "knee")))):  # fmt: skip
-        along = places[:, joints[high]] - places[:, joints[low]]
-        lean += np.arccos(along[:, 1] / np.maximum(np.linalg.norm(along, axis=1), 1e-9))
-    frame = int(lean.argmin())
-    at = places[frame]
-    left = sum(at[joints[f"l_{end}"]] - at[joints[f"r_{end}"]] for end in ("hip", "shoulder"))
-    yaw = np.arctan2(left[2], left[0])  # from the left hand's +x
-    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
-    return frame, turn
 
 
 def _stick_actor(
@@ -251,15 +237,6 @@ def _odd_size(path: Path, imported: ImportedActor, mapping: ActorMapping) -> Ite
             f"{path}: is {height:.3g} m tall with metres_per_unit = {mapping.metres_per_unit:g}, a "
             f"grown person {SHORTEST} to {TALLEST} m; correct it, or leave it out"
         )
-
-
-def _world_turns(motion: BvhMotion) -> Floats:
-    """Rotations of the joints in the world, (F, J, 3, 3)."""
-    turns = motion.rotations.copy()
-    for joint, parent in enumerate(motion.parents.tolist()):
-        if parent >= 0:
-            turns[:, joint] = turns[:, parent] @ turns[:, joint]
-    return turns
 
 
 def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
