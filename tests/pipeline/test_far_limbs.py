@@ -42,7 +42,8 @@ def elsewhere(
     pixels, joints = take.cameras.project(places), take.detections.joints2d.clone()
     for view in views:
         joints[span, view] = pixels[span, view]
-    return replace(take.detections, joints2d=joints)
+    changed: Detections = replace(take.detections, joints2d=joints)
+    return changed
 
 
 def named(take: Take, detections: Detections, *others: Motion) -> list[FarLimb]:
