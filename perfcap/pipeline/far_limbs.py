@@ -16,8 +16,9 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.trust import Trust
 
-# Percent of the person's height in the image beyond what other joints lie off: limbs in their
-# places have 6 at most, also where half of the views exchange them; half a metre off, 9 and more.
+# Percent of the person's height in the image beyond what other joints lie off: limbs that are
+# half a metre off have 9 and more. Right ones rarely have so much in two views, and these then see
+# no two joints in one place.
 _FAR, _NEAR = 8.0, 3.0
 _OTHERS = 3.0  # times what the median joint of that view lies off in that frame
 _SURE = 0.3  # of the usual confidence of a view: detectors mean different things by it
@@ -166,7 +167,7 @@ def _far(
 
 
 def _agree(problem: ClipProblem, joints: Tensor, off: Tensor, far: Tensor) -> Tensor:
-    """Frames (F,) in which views that are far (F, C) see one place of one of the joints (F, C, N).
+    """Frames (F,) in which views that are far (F, C) see two joints (F, C, N) in one place each.
 
     Of those that are off (F, C, 16) in them; views may call them left or right.
     """
@@ -176,7 +177,7 @@ def _agree(problem: ClipProblem, joints: Tensor, off: Tensor, far: Tensor) -> Te
     points, _ = triangulate(problem.cameras, problem.cameras.to_plane(pixels), counts)
     error = (problem.cameras.project(points) - pixels).norm(dim=-1) / problem.pixel_unit[:, None]
     same = (counts > 0) & (error < _SAME)  # NaN is no number below
-    agree: Tensor = (same.sum(1) >= 2).any(-1)
+    agree: Tensor = (same.sum(1) >= 2).sum(-1) >= 2
     return agree
 
 
