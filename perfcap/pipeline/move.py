@@ -21,6 +21,7 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term
 from perfcap.pipeline.clock import Clock
+from perfcap.pipeline.far_limbs import without_far_limbs
 from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
@@ -187,7 +188,12 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_motion(judged, looked.motion, self.motion),
+            trust=without_far_limbs(
+                judge_motion(judged, looked.motion, self.motion),
+                judged,
+                (looked.motion, self.motion),
+                self.images.names if self.images else None,
+            ),
         )
 
 
