@@ -16,9 +16,8 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.trust import Trust
 
-# Percent of the person's height in the image beyond what other joints lie off: limbs that are
-# half a metre off have 9 and more. Right ones rarely have so much in two views, and these then see
-# no two joints in one place.
+# Percent of the person's height in the image beyond what other joints lie off. Right limbs rarely
+# have so much in two views, and these then see no two joints in one place.
 _FAR, _NEAR = 8.0, 3.0
 _OTHERS = 3.0  # times what the median joint of that view lies off in that frame
 _SURE = 0.3  # of the usual confidence of a view: detectors mean different things by it
