@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig, read_cameras, read_pixel_map
-from perfcap.io.files import read_json
+from perfcap.io.files import known_file, read_json
 from perfcap.io.result_folder import ASSUMED_CAMERA, REPORT, own_file
 from perfcap.io.view_names import find_view
 
@@ -134,7 +134,7 @@ def _scale(video: tuple[int, int], true: tuple[int, int]) -> NDArray[np.float64]
 
 def _map(folder: Path, text: str, view: str, states: Mapping[str, Any]) -> NDArray[np.float64]:
     """The map from pixels of the video to those of the calibration, as the capture read it."""
-    path = _find(folder, text)
+    path = known_file(folder, text)
     maps = read_pixel_map(path, [view] if view else [])
     state = states.get(text)
     then = state.split(" bytes of ")[0] if isinstance(state, str) else ""
@@ -153,7 +153,7 @@ def _calibration(
 ) -> tuple[tuple[int, int], NDArray[np.float64]]:
     """Size of the calibrated image, and intrinsics (3, 3) px, of the view of the masks."""
     text = request.get("cameras")
-    path = _find(folder, text) if isinstance(text, str) else own_file(folder, ASSUMED_CAMERA)
+    path = known_file(folder, text) if isinstance(text, str) else own_file(folder, ASSUMED_CAMERA)
     if path is None:
         raise InputError(f"{folder / REPORT}: does not say which cameras the capture had")
     rig = read_cameras(path, [video])
@@ -167,12 +167,6 @@ def _intrinsics(cameras: Camera, view: int) -> NDArray[np.float64]:
     matrices = cameras.intrinsics.reshape(-1, *cameras.intrinsics.shape[-3:])
     found: NDArray[np.float64] = matrices[0, view].double().numpy()
     return found
-
-
-def _find(folder: Path, text: str) -> Path:
-    """A file by the name the capture knew it under, from here or from the result's folder."""
-    beside = folder / text
-    return beside if not Path(text).exists() and beside.exists() else Path(text)
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

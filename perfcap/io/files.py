@@ -122,3 +122,14 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key under which ``frame2`` comes before ``frame10``."""
     parts = re.split(r"(\d+)", name)
     return [(0, int(p), "") if p.isdigit() and p.isascii() else (1, 0, p.lower()) for p in parts]
+
+
+def known_file(folder: Path, text: str) -> Path:
+    """A file by the name a capture knew it under, from here or from the result's folder.
+
+    Args:
+        folder: of the result.
+        text: the name in its report, as it was given.
+    """
+    beside = folder / text
+    return beside if not Path(text).exists() and beside.exists() else Path(text)

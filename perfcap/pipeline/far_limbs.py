@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.view_words import view_words
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.clip_problem import ClipProblem
@@ -26,10 +26,7 @@ _BORNE_OUT = 3  # views that see a limb where it is; two may agree by chance
 _LEAST_FRAMES = 3
 _TRUST = 0.3  # at most
 _LIMBS = {"arm": ("elbow", "wrist"), "leg": ("knee", "ankle", "toe")}
-_MIRRORED = [
-    LANDMARKS.index({"l_": "r_", "r_": "l_"}.get(name[:2], name[:2]) + name[2:])
-    for name in LANDMARKS
-]
+_OTHER_SIDE = list(LANDMARKS16.mirrored())
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ def _errors(problem: ClipProblem, motion: Motion) -> tuple[Tensor, Tensor]:
     """
     seen = problem.detections.joints2d
     places = problem.cameras.project(problem.actor.joints(motion))
-    sides = [(each - seen).norm(dim=-1) for each in (places, places[..., _MIRRORED, :])]
+    sides = [(each - seen).norm(dim=-1) for each in (places, places[..., _OTHER_SIDE, :])]
     own, other = (each / problem.pixel_unit[:, None] for each in sides)
     known = problem.detections.confidence2d > 0
     return torch.minimum(own, other), torch.where(known, own, torch.nan).nanmedian(-1).values

@@ -23,6 +23,7 @@ from perfcap.io.calibration import (
 )
 from perfcap.io.clip import END_SLACK, Clip, late_views
 from perfcap.io.detections import read_detections
+from perfcap.io.files import known_file
 from perfcap.io.result import Result
 from perfcap.io.result_folder import ASSUMED_CAMERA, DETECTIONS, own_file
 from perfcap.pipeline.view_errors import ViewErrors
@@ -112,7 +113,9 @@ class _Finder:
 
     def clip(self, given: Sequence[Path]) -> Clip | None:
         """The videos, of which there must be one a view."""
-        paths = list(given) or [self._find(text) for text in _texts(self.request.get("videos"))]
+        paths = list(given) or [
+            known_file(self.folder, text) for text in _texts(self.request.get("videos"))
+        ]
         if not paths:
             self.notes.append("The capture does not say which videos it was made from.")
             return None
@@ -196,7 +199,9 @@ class _Finder:
     ) -> tuple[CameraRig | None, Camera | None, PixelMap | None]:
         """The calibration of the views, in its own pixels and in those of the clip."""
         text = self.request.get("cameras")
-        path = given or (self._find(text) if isinstance(text, str) else self._assumed())
+        path = given or (
+            known_file(self.folder, text) if isinstance(text, str) else self._assumed()
+        )
         if path is None:
             self.notes.append("The capture does not say which cameras it was made with.")
             return None, None, None
@@ -229,7 +234,7 @@ class _Finder:
         # files that list everybody do not say whom the capture followed; what it kept does
         kept = own_file(self.folder, DETECTIONS)
         if texts and self.request.get("people") is None:
-            paths = [self._find(text) for text in texts]
+            paths = [known_file(self.folder, text) for text in texts]
         elif kept is None:
             self.notes.append("Detected joints are not shown: there are none in the folder.")
             return None
@@ -290,17 +295,11 @@ class _Finder:
 
     def _maps(self) -> Any:
         text = self.request.get("video_map")
-        return read_pixel_map(self._find(text)) if isinstance(text, str) else None
+        return read_pixel_map(known_file(self.folder, text)) if isinstance(text, str) else None
 
     def _assumed(self) -> Path | None:
         """The camera that a capture without calibration wrote down."""
         return own_file(self.folder, ASSUMED_CAMERA)
-
-    def _find(self, text: str) -> Path:
-        """A file by the name the capture knew it under, from here or from the result's folder."""
-        path = Path(text)
-        beside = self.folder / path
-        return beside if not path.exists() and beside.exists() else path
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
