@@ -127,7 +127,7 @@ def with_joints(template: Template, bones: BoneMap) -> Template:
     return replace(template, joint_bones=bones.joints, landmarks=landmarks)
 
 
-def require_sound(path: Path, findings: tuple[Finding, ...]) -> None:
+def require_sound(path: Path | str, findings: tuple[Finding, ...]) -> None:
     """Refuse an actor that would spoil a capture.
 
     Raises:

@@ -19,7 +19,10 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_import import require_sound
 from perfcap.io.actor_layers import layer_findings
+from perfcap.io.doctor.finding import Severity
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
@@ -123,7 +126,7 @@ def auto_rig(
             f"mesh {mesh.name!r}: {100 * fit.far:.0f} % of it is farther than 0.15 m from the "
             "fitted body; expected one person in a T- or A-pose, without floor or other objects"
         )
-    template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
+    template, heat = _rigged(best.mesh, fit.joints, overrides)
     inside = measure(model.template(fit.motion.shared[BODY]))
     found = [*_warnings(best.upright, fit, heat), *scan_doubts(template, height is not None)]
     if turned:
@@ -147,14 +150,30 @@ def rig_with_joints(
 ) -> tuple[Template, HeatReport]:
     """Rig an upright mesh whose joints are known.
 
+    What looks odd of it is logged: a size that no person has, joints outside of the mesh.
+
     Args:
         mesh: metres, y up, facing +z.
         joints: positions of the skeleton's 16 joints and of head_top, l_toe and r_toe, (3,).
         overrides: as for ``auto_rig``.
 
     Raises:
-        InputError: a joint is missing, or the mesh cannot be rigged.
+        InputError: a joint is missing, joints are not those of the mesh (left and right exchanged,
+            in another unit or other axes), or it cannot be rigged.
     """
+    template, heat = _rigged(mesh, joints, overrides)
+    found = examine_actor(template)
+    require_sound(f"mesh {mesh.name!r}", found)
+    for finding in found:
+        if finding.severity is Severity.WARNING:
+            logger.warning("%s: %s", mesh.name, finding)
+    return template, heat
+
+
+def _rigged(
+    mesh: BareMesh, joints: Mapping[str, Floats], overrides: tuple[Override, ...]
+) -> tuple[Template, HeatReport]:
+    """The mesh with bones between joints, whatever they are."""
     names = (*JOINTS, *_ENDS)
     missing = [name for name in names if name not in joints]
     if missing:

@@ -146,6 +146,30 @@ def test_given_joints_are_kept(fitter: BodyFitter) -> None:
         rig_with_joints(BareMesh(surface, fitter.model.rig.faces), joints)
 
 
+@pytest.mark.long
+def test_given_joints_of_something_else_are_named(
+    fitter: BodyFitter, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A mesh was rigged with any joints: sides exchanged, in centimetres, beside it."""
+    truth = person(fitter)
+    mesh = BareMesh(fitter.surface(truth)[0].numpy(), fitter.model.rig.faces, name="scan")
+    names = (*fitter.actor.skeleton.rig.landmarks, *fitter.actor.skeleton.rig.joints)
+    joints = dict(zip(names, fitter.marks(truth)[0].numpy(), strict=True))
+    rig_with_joints(mesh, joints)
+    assert not [line for line in caplog.messages if "joints:" in line or "scale:" in line]
+    other = {"l": "r", "r": "l"}
+    exchanged = {
+        f"{other[name[0]]}{name[1:]}" if name[1] == "_" else name: place
+        for name, place in joints.items()
+    }
+    with pytest.raises(InputError, match=r"^mesh 'scan': left and right: joints called left are"):
+        rig_with_joints(mesh, exchanged)
+    with pytest.raises(InputError, match=r"^mesh 'scan': landmarks: head_top lies \d+ cm from"):
+        rig_with_joints(mesh, {name: 100 * place for name, place in joints.items()})
+    rig_with_joints(mesh, {name: place + np.array([0.12, 0, 0]) for name, place in joints.items()})
+    assert any("lie outside the mesh" in line for line in caplog.messages)
+
+
 @pytest.mark.slow
 def test_a_mesh_in_centimetres_with_z_up_becomes_an_actor(fitter: BodyFitter) -> None:
     truth = person(fitter)
