@@ -14,6 +14,8 @@ from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
 
+# where a mapping file goes: of an actor, and of the source of ``perfcap retarget``
+GIVEN_AS = "--mapping (--source-mapping: of motion to retarget)"
 SHORTEST, TALLEST = 1.2, 2.3  # m, of a grown person
 _SMALL, _LARGE = 0.5, 3.0  # m, of children and of heroes: believed, but not guessed
 UNITS = {
@@ -136,8 +138,7 @@ def unit_of(name: str, height: float) -> float:
         return 1.0
     raise InputError(
         f"actor {name!r}: is {height:.4g} units tall, which no unit makes the height of a person "
-        f"({SHORTEST} to {TALLEST} m); state metres_per_unit in a mapping file (--mapping of "
-        "perfcap actor build)"
+        f"({SHORTEST} to {TALLEST} m); state metres_per_unit in a mapping file, given as {GIVEN_AS}"
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.bone_correction import GIVEN_AS
 from perfcap.actor.bone_geometry import match_places
 from perfcap.actor.bone_names import ENDS, NAMED, SIDED, NameMatch, match_names
 from perfcap.actor.template import Template
@@ -192,8 +193,7 @@ def _placed(template: Template, found: Mapping[str, int]) -> dict[str, int]:
     if abs(cosine) < SURE:
         raise InputError(
             f"actor {template.name!r}: its feet do not tell left from right, and its bones have no "
-            "known names; name them in a mapping file and give it as --mapping to "
-            "perfcap actor build"
+            f"known names; name them in a mapping file and give it as {GIVEN_AS}"
         )
     return joints if cosine > 0 else other
 
@@ -213,8 +213,7 @@ def _spine(template: Template, joints: Mapping[str, int]) -> int:
             f"actor {template.name!r}: no bone for spine, because none is between "
             f"{template.bone_names[joints['pelvis']]} (pelvis) and "
             f"{template.bone_names[joints['neck']]} (neck); add one in Blender, or name another "
-            "pelvis or neck in a mapping file and give it as --mapping to "
-            "perfcap actor build"
+            f"pelvis or neck in a mapping file and give it as {GIVEN_AS}"
         )
     places = template.bone_rest[:, :3, 3]
     start, way = places[joints["pelvis"]], places[joints["neck"]] - places[joints["pelvis"]]
@@ -238,7 +237,7 @@ def _require(template: Template, joints: Mapping[str, int], names: Sequence[str]
         raise InputError(
             f"actor {template.name!r}: no bone found for {', '.join(missing)} among {bones}{more}; "
             f'write lines like {missing[0]} = "name of the bone" into a file and give it as '
-            "--mapping to perfcap actor build"
+            f"{GIVEN_AS}"
         )
 
 
@@ -246,8 +245,7 @@ def _require_distinct(template: Template, joints: Mapping[str, int]) -> None:
     for bone, names in _shared(joints).items():
         raise InputError(
             f"actor {template.name!r}: bone {template.bone_names[bone]} is {', '.join(names)}; "
-            "expected a bone for each: name another one in a mapping file (--mapping of "
-            "perfcap actor build)"
+            f"expected a bone for each: name another one in a mapping file, given as {GIVEN_AS}"
         )
 
 
