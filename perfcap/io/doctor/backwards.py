@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import torch
@@ -16,7 +17,13 @@ _LEAP, _SMOOTH = 3.0, 2.0  # times the usual step: at the edges as given, and th
 _EDGES = 40  # frames with the longest steps that are looked at
 
 
-def examine_backwards(name: str, view: int, joints: Tensor, confidence: Tensor) -> list[Finding]:
+def examine_backwards(
+    name: str,
+    view: int,
+    joints: Tensor,
+    confidence: Tensor,
+    mirrored: Sequence[int] | None = None,
+) -> list[Finding]:
     """Frames between two leaps, of which the first goes on after the part and the last before it.
 
     Nothing shows a whole clip that runs backwards, nor a part that begins or ends with it.
@@ -26,6 +33,8 @@ def examine_backwards(name: str, view: int, joints: Tensor, confidence: Tensor) 
         view: its number.
         joints: in an image or in space, (F, 16, D).
         confidence: (F, 16).
+        mirrored: index of each joint's counterpart on the other side, where a detector may have
+            taken one for the other: such a leap is none of the person.
     """
     sure = confidence > _SURE
     if len(joints) < 3 * _SHORTEST:
@@ -34,7 +43,11 @@ def examine_backwards(name: str, view: int, joints: Tensor, confidence: Tensor) 
     usual = float(steps.nanmedian())
     # one frame that is elsewhere has a leap on either side
     beside = torch.maximum(steps[:-2].nan_to_num(), steps[2:].nan_to_num())
-    alone = (steps[1:-1] > _LEAP * usual) & (steps[1:-1] > _SMOOTH * beside)
+    far = steps > _LEAP * usual
+    if mirrored is not None:
+        moved = _apart_of_either(joints[1:], joints[:-1], sure[1:] & sure[:-1], mirrored)
+        far &= moved > _LEAP * usual
+    alone = far[1:-1] & (steps[1:-1] > _SMOOTH * beside)
     leaps = (alone.nonzero().flatten() + 2).tolist()  # into these frames
     leaps = sorted(sorted(leaps, key=lambda frame: -float(steps[frame - 1]))[:_EDGES])
     frames: list[int] = []
@@ -57,5 +70,15 @@ def examine_backwards(name: str, view: int, joints: Tensor, confidence: Tensor) 
 
 def _apart(one: Tensor, other: Tensor, both: Tensor) -> Tensor:
     """Median distance of joints (N, 16, D) that both frames show, (N,); NaN where few do."""
-    apart = torch.where(both, (one - other).norm(dim=-1), torch.nan).nanmedian(-1).values
+    return _median((one - other).norm(dim=-1), both)
+
+
+def _apart_of_either(one: Tensor, other: Tensor, both: Tensor, mirrored: Sequence[int]) -> Tensor:
+    """The same of joints, each from the nearer one of both sides."""
+    own, opposite = ((one - side).norm(dim=-1) for side in (other, other[:, list(mirrored)]))
+    return _median(torch.minimum(own, opposite), both)
+
+
+def _median(distances: Tensor, both: Tensor) -> Tensor:
+    apart = torch.where(both, distances, torch.nan).nanmedian(-1).values
     return torch.where(both.sum(-1) >= _JOINTS, apart, torch.nan)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
@@ -153,7 +153,7 @@ def _order(name: str, view: int, detections: Detections, successive: bool) -> li
     if not successive:
         return of_view(view, order)
     order = of_view(view, order or examine_shuffled(name, *given))
-    return order or examine_backwards(name, view, *given)
+    return order or examine_backwards(name, view, *given, LANDMARKS16.mirrored())
 
 
 def _given(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
