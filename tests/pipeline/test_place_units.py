@@ -1,6 +1,5 @@
 """Places in another unit or other axes than bones, by the foot that stands."""
 
-import warnings
 from pathlib import Path
 
 import pytest
@@ -134,7 +133,6 @@ def said_of(rig: MovingRig, frames: slice = slice(None)) -> list[str]:
     return list(place_doubts(points, rig.rate, leg_length(rig.actor), root))
 
 
-@pytest.mark.long
 @needs_recordings
 @pytest.mark.parametrize("factor", [0.01, 0.0254, 1.0, 2.54])
 @pytest.mark.parametrize(
@@ -154,7 +152,6 @@ def test_units_of_roots_of_recorded_motions(
         assert named(line) == pytest.approx(1 / factor, rel=0.3)
 
 
-@pytest.mark.long
 @needs_recordings
 def test_legs_that_dangle_say_nothing_of_units(tmp_path: Path) -> None:
     rig = recorded(CMU / "01_08.bvh", tmp_path, 1.0)
@@ -162,15 +159,9 @@ def test_legs_that_dangle_say_nothing_of_units(tmp_path: Path) -> None:
         assert not said_of(rig, slice(start, start + 50)), start
 
 
-@pytest.mark.long
 @needs_recordings
-@pytest.mark.parametrize("factor", [0.01, 1.0])
-def test_retarget_names_a_root_in_another_unit(factor: float, tmp_path: Path) -> None:
-    rig = recorded(CMU / "02_02.bvh", tmp_path, factor)
-    part = slice(0, None, 4)
-    joints = JointMotion(torch.tensor(rig.rotation[part]), torch.tensor(rig.position[part]))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        retarget(rig.actor, joints, rig.actor, rig.rate / 4, examined=True)
-    lines = [str(each.message) for each in caught if "another unit" in str(each.message)]
-    assert len(lines) == (factor != 1.0), lines
+def test_retarget_names_a_root_in_another_unit(tmp_path: Path) -> None:
+    rig = recorded(CMU / "02_02.bvh", tmp_path, 0.01)
+    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    with pytest.raises(UserWarning, match="another unit than its bones"):  # before it solves
+        retarget(rig.actor, joints, rig.actor, rig.rate, examined=True)
