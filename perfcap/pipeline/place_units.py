@@ -23,30 +23,43 @@ _LARGEST, _TRIED = 1000.0, 277  # factors, of places
 # are 0.78 to 1.05, and with other units of places 2.0 and more, or 0.41 and less
 _OTHER = 1.8
 _STANDS, _BETTER = 0.5, 0.6  # of the hips' way, and of the given places', that a foot slides
+# the same, a second of steps: for as long as a swing, legs that dangle from a root that hardly
+# moves fit some factor
+_SURE = 0.4
 # feet of 34 recorded motions slide by 0.85 of the hips' way at most, and by 0.04 to 0.5 of 32 of
 # them; by 1.2 to 2.2 where the axis along which the person walks is another
 _SLIDES = 1.1
 _NEAR = 0.1  # of the hips' way: axes that explain it as well, of which the fewest changes are told
 
 
-def place_doubts(landmarks: Tensor, rate: float, legs: float) -> Iterator[str]:
+def place_doubts(
+    landmarks: Tensor, rate: float, legs: float, root: Tensor | None = None
+) -> Iterator[str]:
     """A sentence where places of a person look as if in another unit or other axes than bones.
 
     While hips go over a foot, the foot stays where it is. Hips seen from the foot go by lengths
-    of bones, hips in the world by their places.
+    of bones, hips in the world by their places: of the root in files, about which the pelvis turns
+    by its bones, and of the middle of the hips in what was made from predicted poses.
 
     Args:
         landmarks: (F, 16, 3) with y up, metres by the unit of the bones.
         rate: frames a second.
         legs: length of the legs, metres.
+        root: what the source's places are of, (F, 3) m; the middle of the hips if None.
     """
-    steps = _Steps.of(landmarks.detach(), rate, legs)
+    landmarks = landmarks.detach()
+    steps = _Steps.of(landmarks, mid_hip(landmarks), rate, legs)
     if steps is None:  # as of who climbs or walks on the spot
         return
     factor, axes = steps.factor(), steps.axes()
+    placed = None if root is None else root.detach().to(landmarks)
+    by_root = None if placed is None else _Steps.of(landmarks, placed, rate, legs)
+    if by_root is not None:
+        stands = min(_STANDS, _SURE * len(by_root.gone) / rate)
+        factor, axes = by_root.factor(stands) or factor, by_root.axes() or axes
     if factor is not None:
         yield (
-            f"feet would stand if the source's places were {factor:.2g} times as large, and slide "
+            f"feet would stand if the source's places were {factor:.3g} times as large, and slide "
             "as they are; its root looks to be in another unit than its bones: export both in one"
         )
     elif axes is not None:
@@ -59,14 +72,21 @@ def place_doubts(landmarks: Tensor, rate: float, legs: float) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Steps:
-    """Hips that go over the lowest foot, (N, 3) m: by their places, and the foot seen from them."""
+    """Steps of hips over the lowest foot, N of them, metres.
+
+    Attributes:
+        gone: by which the point went that places are of, (N, 3).
+        foot: by which the foot went, seen from that point, (N, 3).
+        way: by which hips went over the foot, (N,).
+    """
 
     gone: Tensor
-    over: Tensor
+    foot: Tensor
+    way: Tensor
 
     @classmethod
-    def of(cls, landmarks: Tensor, rate: float, legs: float) -> Self | None:
-        """Those of a motion; None where there are hardly any."""
+    def of(cls, landmarks: Tensor, placed: Tensor, rate: float, legs: float) -> Self | None:
+        """Those of a motion by a point (F, 3) of it; None where there are hardly any."""
         step = max(1, round(_STEP * rate))
         hips = mid_hip(landmarks)
         feet = landmarks[:, _FEET] - hips[:, None]
@@ -74,22 +94,25 @@ class _Steps:
             return None
         lowest = (feet[step:, :, 1] + feet[:-step, :, 1]).argmin(1)
         over = (feet[step:] - feet[:-step])[torch.arange(len(lowest)), lowest]
-        moves = over.norm(dim=-1) > _STEPS * legs
+        way = over.norm(dim=-1)
+        moves = way > _STEPS * legs
         if int(moves.sum()) < _FEWEST:
             return None
-        return cls((hips[step:] - hips[:-step])[moves], over[moves])
+        swing = hips - placed  # by bones: as large in whatever unit places are
+        foot = over + swing[step:] - swing[:-step]
+        return cls((placed[step:] - placed[:-step])[moves], foot[moves], way[moves])
 
     def slide(self, gone: Tensor) -> float:
-        """Share of the hips' way over it by which the foot slides, median, if hips went so."""
-        return float(((gone + self.over).norm(dim=-1) / self.over.norm(dim=-1)).median())
+        """Share of the hips' way over it by which the foot slides, median, if places went so."""
+        return float(((gone + self.foot).norm(dim=-1) / self.way).median())
 
-    def factor(self) -> float | None:
-        """By what places are too small; None where they fit, or nothing shows it."""
+    def factor(self, stands: float = _STANDS) -> float | None:
+        """By what places are too small; None where they fit, or no foot ``stands`` by another."""
         most = math.log(_LARGEST)
         factors = torch.linspace(-most, most, _TRIED).exp().tolist()
         left = [self.slide(factor * self.gone) for factor in factors]
         best = factors[left.index(min(left))]
-        fits = min(left) < min(_STANDS, _BETTER * self.slide(self.gone))
+        fits = min(left) < min(stands, _BETTER * self.slide(self.gone))
         return best if fits and not 1 / _OTHER < best < _OTHER else None
 
     def axes(self) -> tuple[str, ...] | None:

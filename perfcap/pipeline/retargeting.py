@@ -112,8 +112,10 @@ def retarget(
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
     require_same_limbs(source, joints, rate)
-    doubts = *order_doubts(joints.position, rate), *place_doubts(points, rate, leg_length(source))
-    ratio = leg_length(target) / leg_length(source)
+    root = joints.position[:, JOINTS.index("pelvis")]
+    legs = leg_length(source)
+    doubts = *order_doubts(joints.position, rate), *place_doubts(points, rate, legs, root)
+    ratio = leg_length(target) / legs
     scale = ratio if scale is None else scale
     for line in (*rate_doubts(rate), *doubts, *scale_doubts(ratio, scale)):
         warnings.warn(f"retarget: {line}", stacklevel=2)

@@ -1,14 +1,24 @@
 """Places in another unit or other axes than bones, by the foot that stands."""
 
+from pathlib import Path
+
 import pytest
 import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
+from perfcap.io.moving_rig import MovingRig, read_moving_rig
+from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
 from perfcap.pipeline.place_units import place_doubts
+from perfcap.pipeline.retargeting import retarget
 
 RATE, LEGS = 30.0, 0.9
+RECORDED = Path(__file__).parents[2] / "../shared/data"
+CMU, BANDAI = RECORDED / "mocap_cmu_bvh", RECORDED / "mocap_bandai_bvh"
+needs_recordings = pytest.mark.skipif(
+    not (CMU.is_dir() and BANDAI.is_dir()), reason="needs ../shared/data/mocap_*_bvh"
+)
 
 
 def said(landmarks: Tensor) -> list[str]:
@@ -73,3 +83,85 @@ def test_right_units_and_motions_that_do_not_say() -> None:
         torch.rand(90, 4, 3, generator=torch.Generator().manual_seed(0)).double()
     )
     assert not said(floats)
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.0254, 0.39, 2.54, 100.0])
+def test_units_of_a_root_about_which_the_pelvis_turns(factor: float) -> None:
+    """What the pelvis's turns add is of bones: it hid roots in metres beside centimetres."""
+    right = walk()
+    turn = 0.4 * (2 * torch.pi * torch.arange(len(right)).double() / RATE).sin()
+    arm = 0.12 * torch.stack((turn.sin(), 0 * turn, turn.cos()), -1)  # from the root to the hips
+    root = mid_hip(right) - arm
+    (line,) = place_doubts(right + (factor - 1) * root[:, None], RATE, LEGS, factor * root)
+    assert named(line) == pytest.approx(1 / factor, rel=0.1)
+    assert not list(place_doubts(right, RATE, LEGS, root))
+
+
+def test_places_of_the_middle_of_the_hips_of_a_skeleton_with_another_root() -> None:
+    """As of predicted poses."""
+    wrong = walk(0.01)
+    turn = torch.arange(len(wrong)).double().sin()
+    root = mid_hip(wrong) + 0.12 * torch.stack((turn.cos(), 0 * turn, turn.sin()), -1)
+    (line,) = place_doubts(wrong, RATE, LEGS, root)
+    assert named(line) == pytest.approx(100, rel=0.1)
+
+
+def named(line: str) -> float:
+    """The factor that a sentence has."""
+    return float(line.split("places were ")[1].split(" times")[0])
+
+
+def recorded(path: Path, tmp_path: Path, factor: float, *, column: int = 0) -> MovingRig:
+    """A file whose three numbers of a place from some column on are multiplied."""
+    head, motion = path.read_text().split("MOTION")
+    count, time, *lines = motion.strip().split("\n")
+    rows = [line.split() for line in lines]
+    for row in rows:
+        at = slice(column, column + 3)
+        row[at] = [f"{factor * float(number):.6f}" for number in row[at]]
+    table = "\n".join(" ".join(row) for row in rows)
+    made = tmp_path / "a.bvh"
+    made.write_text(f"{head}MOTION\n{count}\n{time}\n{table}\n")
+    return read_moving_rig(made, slice(1, None))
+
+
+def said_of(rig: MovingRig, frames: slice = slice(None)) -> list[str]:
+    """All that is odd about a part of what was read."""
+    joints = JointMotion(torch.tensor(rig.rotation[frames]), torch.tensor(rig.position[frames]))
+    points = carried_landmarks(rig.actor.skeleton, joints)
+    root = joints.position[:, 0]
+    return list(place_doubts(points, rig.rate, leg_length(rig.actor), root))
+
+
+@needs_recordings
+@pytest.mark.parametrize("factor", [0.01, 0.0254, 1.0, 2.54])
+@pytest.mark.parametrize(
+    ("path", "column"),
+    [
+        (CMU / "02_02.bvh", 0),
+        (CMU / "02_03.bvh", 0),
+        (BANDAI / "dataset-1_slash_normal_001.bvh", 6),  # hips under a root that stays
+    ],
+)
+def test_units_of_roots_of_recorded_motions(
+    path: Path, column: int, factor: float, tmp_path: Path
+) -> None:
+    lines = said_of(recorded(path, tmp_path, factor, column=column))
+    assert len(lines) == (factor != 1.0), lines
+    for line in lines:
+        assert named(line) == pytest.approx(1 / factor, rel=0.3)
+
+
+@needs_recordings
+def test_legs_that_dangle_say_nothing_of_units(tmp_path: Path) -> None:
+    rig = recorded(CMU / "01_08.bvh", tmp_path, 1.0)
+    for start in range(1700, 1860, 10):
+        assert not said_of(rig, slice(start, start + 50)), start
+
+
+@needs_recordings
+def test_retarget_names_a_root_in_another_unit(tmp_path: Path) -> None:
+    rig = recorded(CMU / "02_02.bvh", tmp_path, 0.01)
+    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    with pytest.raises(UserWarning, match="another unit than its bones"):  # before it solves
+        retarget(rig.actor, joints, rig.actor, rig.rate, examined=True)
