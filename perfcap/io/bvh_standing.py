@@ -16,8 +16,10 @@ from perfcap.io.bvh_rig import stick_figure, with_feet
 Floats = NDArray[np.float64]
 
 _LOOKED_AT = 2000  # frames of a long file, evenly spread: a person stands for longer than a few
-_REFUSED = 100.0  # times an angle beyond what the import takes: more than all leans together
+_REFUSED = 1000.0  # times an angle beyond what the import takes: more than all leans together
 _LEVEL = np.pi / 2  # of an arm, from straight down
+_ASIDE = 0.25  # weight: arms come right from most poses, feet, trunk and head keep the frame's
+_LOW = 25  # per cent of the frames, in which a foot is lowest: it stands in most of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class StandingPose:
 
 
 def standing_pose(motion: BvhMotion, rest: Floats, given: Mapping[str, str]) -> StandingPose:
-    """The frame in which legs and trunk are most upright and arms hang or are held aside.
+    """The frame in which the person is most upright, on its feet, with arms that hang or are aside.
 
     Args:
         motion: the whole file, in any unit, y up.
@@ -50,17 +52,20 @@ def standing_pose(motion: BvhMotion, rest: Floats, given: Mapping[str, str]) -> 
     """
     count = len(motion.rotations)
     looked = np.unique(np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(np.int64))
-    every = joint_positions(part_of(motion, looked))
+    part = part_of(motion, looked)
+    every = joint_positions(part)
     # sides do not matter here: these offsets may tell the wrong ones
     joints = map_bones(stick_figure(motion, rest, "figure"), given).joints
-    best = int(_lean({name: every[:, bone] for name, bone in joints.items()}).argmin())
+    at = {name: every[:, bone] for name, bone in joints.items()}
+    tips = {name: _tip(part, every, joints[name]) for name in ("head", "l_ankle", "r_ankle")}
+    best = int((_lean(at) + _feet_and_head(at, tips)).argmin())
     one = part_of(motion, looked[best : best + 1])
     turns, places = world_turns(one)[0], every[best]
     posed = _with_turned_ends(one, turns)
     # the sides that the import will find in that frame, else it turns the world around
     figure = stick_figure(with_feet(posed, places), places, "figure")
-    at = {name: places[bone] for name, bone in map_bones(figure, given).joints.items()}
-    left = sum(at[f"l_{end}"] - at[f"r_{end}"] for end in ("hip", "shoulder"))
+    chosen = {name: places[bone] for name, bone in map_bones(figure, given).joints.items()}
+    left = sum(chosen[f"l_{end}"] - chosen[f"r_{end}"] for end in ("hip", "shoulder"))
     yaw = np.arctan2(left[2], left[0])  # from the left hand's +x
     turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
     turns = turn @ turns
@@ -98,10 +103,12 @@ def _lean(at: Mapping[str, Floats]) -> Floats:
     """How far frames are from a rest pose, (F,), of places of joints (F, 3): radians."""
     up = np.array([0.0, 1.0, 0.0])
     trunk = at["neck"] - at["pelvis"]
-    across = at["l_hip"] - at["r_hip"] + at["l_shoulder"] - at["r_shoulder"]
-    ahead = np.cross(across, up)
+    hips, shoulders = (at[f"l_{end}"] - at[f"r_{end}"] for end in ("hip", "shoulder"))
+    ahead = np.cross(hips + shoulders, up)
     lean = _angle(trunk, up)
     beyond = _excess(lean, LEANING)
+    # their twist about the trunk
+    lean = lean + _angle(np.cross(trunk, hips), np.cross(trunk, shoulders))
     for side in "lr":
         thigh, shank, arm = (
             at[f"{side}_{end}"] - at[f"{side}_{start}"]
@@ -110,10 +117,52 @@ def _lean(at: Mapping[str, Floats]) -> Floats:
         bent, lifted = _angle(thigh, -up), _angle(arm, -up)
         lean = lean + bent + _angle(shank, -up)
         # nothing for arms that hang, or are held as in a T or an A
-        lean = lean + np.abs(_LEVEL - _angle(arm, ahead)) + (lifted - _LEVEL).clip(0)
+        lean = lean + _ASIDE * np.abs(_LEVEL - _angle(arm, ahead)) + (lifted - _LEVEL).clip(0)
         beyond = beyond + _excess(bent, SEATED) + _excess(lifted, RAISED)
         beyond = beyond + _excess(_angle(shank, thigh), CROUCHED)
     return lean + _REFUSED * beyond
+
+
+def _feet_and_head(at: Mapping[str, Floats], tips: Mapping[str, Floats | None]) -> Floats:
+    """How far feet and head are from those of who stands, (F,): about radians.
+
+    Args:
+        at: places of joints, (F, 3).
+        tips: places of what ends head and feet, (F, 3); None where that is not known.
+    """
+    top = tips["head"]
+    odd = _angle((at["head"] if top is None else top) - at["neck"], np.array([0.0, 1.0, 0.0]))
+    for side in "lr":
+        ankle, toe = at[f"{side}_ankle"], tips[f"{side}_ankle"]
+        height = ankle[:, 1]
+        low = height <= np.percentile(height, _LOW)
+        shank = np.median(np.linalg.norm(ankle - at[f"{side}_knee"], axis=-1))
+        # in lengths of the shank: nearly the angle by which the leg would have to bend
+        odd = odd + (height - np.median(height[low])).clip(0) / max(float(shank), 1e-12)
+        if toe is not None:
+            foot = toe - ankle
+            length = np.maximum(np.linalg.norm(foot, axis=-1), 1e-12)
+            pitch = np.arcsin((foot[:, 1] / length).clip(-1, 1))
+            # feet of skeletons begin at any height above the sole
+            odd = odd + np.abs(pitch - np.median(pitch[low]))
+    return odd
+
+
+def _tip(motion: BvhMotion, every: Floats, joint: int) -> Floats | None:
+    """Places of what a joint moves, its end or the joint below that is furthest off, (F, 3).
+
+    Args:
+        motion: of F frames.
+        every: places of its joints, (F, J, 3).
+        joint: number of the joint.
+    """
+    below = np.flatnonzero(motion.parents == joint)
+    if len(below):
+        furthest = np.linalg.norm(motion.offsets[below], axis=-1).argmax()
+        return np.asarray(every[:, below[furthest]])
+    if motion.ends is None or not np.isfinite(motion.ends[joint]).all():
+        return None
+    return np.asarray(every[:, joint] + world_turns(motion)[:, joint] @ motion.ends[joint])
 
 
 def _excess(angle: Floats, degrees: float) -> Floats:

@@ -13,6 +13,7 @@ from takes import sway
 from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
 from perfcap.io.bvh_read import BvhMotion, bvh_motion, joint_positions, load_bvh
+from perfcap.io.bvh_standing import standing_pose
 from perfcap.io.bvh_write import save_bvh
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
 
@@ -154,6 +155,67 @@ def test_long_files_are_looked_at_in_part(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(found.position) == 4
 
 
+def hopping(stands: slice, height: float = 0.25) -> BvhMotion:
+    """A person some metres up with straight legs and toes down, or that stands with bent knees."""
+    motion = with_toes(sway_motion())
+    still = np.tile(np.eye(3), (*motion.rotations.shape[:2], 1, 1))
+    air = np.ones(len(still), dtype=np.bool_)
+    air[stands] = False
+    positions = motion.positions.copy()
+    positions[:, 0] = positions[0, 0] + air[:, None] * np.array([0.0, height, 0.0])
+    for side in "lr":
+        still[~air, of(f"{side}_hip")] = turn(0, -8)
+        still[~air, of(f"{side}_knee")] = turn(0, 16)
+        still[~air, of(f"{side}_ankle")] = turn(0, -8)
+        still[air, of(f"{side}_ankle")] = turn(0, 50)
+    return replace(motion, rotations=still, positions=positions)
+
+
+def taken(motion: BvhMotion, path: Path) -> int:
+    """Number of the frame that is taken for the rest pose."""
+    save_bvh(path, with_offsets(motion, UPSIDE_DOWN))
+    (note,) = (note for note in read_moving_rig(path).notes if "is taken" in note)
+    return int(note.split("frame ")[1].split(" ")[0])
+
+
+def test_feet_in_the_air_are_no_rest_pose(tmp_path: Path) -> None:
+    """Whoever stands with bent knees stands better than whoever jumps with straight ones."""
+    assert taken(hopping(slice(5, 10)), tmp_path / "a.bvh") in range(5, 10)
+
+
+def test_whoever_stands_on_tiptoe_in_few_frames(tmp_path: Path) -> None:
+    assert taken(hopping(slice(0, 9), 0.12), tmp_path / "a.bvh") < 9
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis", "degrees", "bent"), [("spine", 1, 60, 13), ("neck", 0, 30, 5)]
+)
+def test_a_twisted_trunk_or_a_bent_head_is_no_rest_pose(
+    joint: str, axis: int, degrees: float, bent: float, tmp_path: Path
+) -> None:
+    """Knees that are bent by some degrees are better: they come right from any pose."""
+    motion = sway_motion()
+    still = np.tile(np.eye(3), (*motion.rotations.shape[:2], 1, 1))
+    for side in "lr":
+        still[6, of(f"{side}_knee")] = turn(0, bent)
+    still[np.arange(len(still)) != 6, of(joint)] = turn(axis, degrees)
+    assert taken(replace(motion, rotations=still), tmp_path / "a.bvh") == 6
+
+
+@pytest.mark.parametrize("feet", [None, 0.0, 40.0])
+def test_feet_may_begin_at_any_height(feet: float | None, tmp_path: Path) -> None:
+    """Skeletons without feet, or with heels, are chosen from by what else stands."""
+    motion = slashing(slice(0, 8))
+    if feet is None:
+        assert motion.ends is not None
+        motion.ends[[of(f"{side}_ankle") for side in "lr"]] = np.nan
+    else:
+        motion = with_toes(motion)
+        for side in "lr":
+            motion.rotations[:, of(f"{side}_ankle")] = turn(0, feet)
+    assert taken(motion, tmp_path / "a.bvh") == 8
+
+
 def facing(found: MovingRig) -> np.ndarray:
     """Where the person faces by the turns of its pelvis, level, (F, 2): x and z."""
     ahead = found.rotation[:, JOINTS.index("pelvis"), :, 2][:, [0, 2]]
@@ -172,6 +234,25 @@ def test_recordings_keep_their_world(name: str) -> None:
     across = (left - right)[:, [2, 0]] * [-1, 1]
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     assert np.median((facing(found) * across).sum(1)) > 0.9
+
+
+@pytest.mark.skipif(not BANDAI.is_dir(), reason="needs shared/data/mocap_bandai_bvh")
+@pytest.mark.parametrize("name", ["dance-short", "punch", "kick"])
+def test_recordings_of_one_skeleton_have_one_rest_pose(name: str) -> None:
+    """A bow is begun upright; feet of other clips turn as by its frame, within a stance."""
+    bow, found = (standing(BANDAI / f"dataset-1_{each}_normal_001.bvh") for each in ("bow", name))
+    for joint in ("Foot_L", "Foot_R"):
+        turned = bow[joint].T @ found[joint]
+        assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 20
+
+
+def standing(path: Path) -> dict[str, np.ndarray]:
+    """Turns of the joints in the frame that is taken, (3, 3) by name."""
+    motion = load_bvh(path)
+    rest = motion.offsets.copy()
+    for joint, parent in enumerate(motion.parents.tolist()):
+        rest[joint] += rest[parent] if parent >= 0 else 0.0
+    return dict(zip(motion.names, standing_pose(motion, rest, {}).turns, strict=True))
 
 
 @pytest.mark.skipif(not BANDAI.is_dir(), reason="needs shared/data/mocap_bandai_bvh")
