@@ -61,7 +61,7 @@ LONG = (
     "finetune_through_solver", "followed_person",
     "given_cameras",
     "hand_held", "held_out_masks", "image_memory", "joint_places",
-    "joint_refinement", "late_poses", "learned_edges", "lens",
+    "joint_refinement", "late_poses", "late_views", "learned_edges", "lens",
     "looked_joints", "lifter_films", "lifter_motion",
     "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",
     "moved_cameras", "moved_masks", "orbit_frames", "paired_or_soft", "pairs_of_clips",

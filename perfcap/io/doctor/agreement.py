@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
@@ -22,7 +23,7 @@ from perfcap.io.doctor.evidence import (
     person_height,
 )
 from perfcap.io.doctor.finding import Finding, Severity, doubting
-from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
+from perfcap.io.doctor.hypotheses import SHORT, Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
@@ -37,6 +38,9 @@ FINE = 0.005  # below this nothing is looked for
 BAD = 0.04
 CULPRIT = 0.03
 HOPELESS = 0.08
+# In short clips calibration errors are alike in all frames, and another moment of one of two views
+# may undo them. Up to the first no view is called late there, up to the second it may be chance
+CALIBRATED, CLEARLY = 0.016, 0.023
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
@@ -124,7 +128,9 @@ def _explain(
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
-    best, left = best_mistake(scene, names, BAD * height)
+    short = scene.detections.frame_count < SHORT
+    timed = not short or now > CALIBRATED * height
+    best, left = best_mistake(scene, names, BAD * height, timed=timed)
     late = late_view(scene, names) if successive else None
     in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
     outcast = _outcast(scene.sampled(), now, height)
@@ -143,6 +149,10 @@ def _explain(
         return finding, turned.undo(scene), names
     if explained:
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
+        if best.delay and short and now < CLEARLY * height:
+            what += ", which may be chance in so few frames"
+            finding = Finding(Severity.WARNING, best.subject, what, best.remedy)
+            return finding, best.undo(scene), names
         # of two views it is unknown which one is wrong
         at_fault = best.views if best.views and len(names) > 2 else tuple(range(len(names)))
         finding = Finding(Severity.ERROR, best.subject, what, best.remedy, views=at_fault)
@@ -154,18 +164,38 @@ def _explain(
     return finding, scene.select(rest), [names[view] for view in rest]
 
 
-def best_mistake(scene: Scene, names: list[str], bad: float) -> tuple[Hypothesis, float]:
+def best_mistake(
+    scene: Scene, names: list[str], bad: float, *, timed: bool = True
+) -> tuple[Hypothesis, float]:
     """The mistake without which views disagree least, and by how much, pixels; above ``bad`` they
     do not agree.
+
+    Late views are among them where ``timed``.
     """
-    candidates = list(hypotheses(names, range(len(names))))
+    views, frames = range(len(names)), scene.detections.frame_count
+    every = hypotheses(names, views, frames)
+    candidates = [each for each in every if timed or not each.delay]
     left = [disagreement(candidate.undo(scene).sampled()) for candidate in candidates]
     left = [
-        math.inf if candidate.settles and rest > bad else rest
+        math.inf
+        if (candidate.settles and rest > bad) or _of_fewer(scene, candidate.delay, rest)
+        else rest
         for candidate, rest in zip(candidates, left, strict=True)
     ]
     lowest = min(range(len(left)), key=left.__getitem__)
     return candidates[lowest], left[lowest]
+
+
+def _of_fewer(scene: Scene, delay: int, rest: float) -> bool:
+    """Whether a late view of a short clip leaves less since frames without a partner are not seen.
+
+    These few may be the worst ones, so that the same frames are compared as they are now.
+    """
+    count = scene.detections.frame_count
+    if not delay or count >= SHORT:
+        return False
+    common = torch.arange(max(0, -delay), count - max(0, delay))
+    return not rest < BETTER * disagreement(scene.frames(common).sampled())
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from perfcap.io.doctor.evidence import Scene
 
 SCALES = (0.25, 0.5, 2 / 3, 1.5, 2.0, 4.0)
 DELAYS = (-20, -14, -10, -7, -5, -3, -2, 2, 3, 5, 7, 10, 14, 20)  # frames, of two views
+SHORT = 30  # frames; in fewer, another moment may fit better by chance
 _SIDES = {"l": "r", "r": "l"}
 _MIRROR = [
     LANDMARKS.index(_SIDES[name[0]] + name[1:]) if name[1] == "_" else i
@@ -42,10 +43,14 @@ class Hypothesis:
     undo: Callable[[Scene], Scene]
     settles: bool = False
     views: tuple[int, ...] = ()  # that are wrong, where it is said of some
+    delay: int = 0  # frames that a view is late, where that is the mistake
 
 
-def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
-    """All mistakes looked for, of all cameras, of pairs and of single views, but late views."""
+def hypotheses(names: Sequence[str], views: Sequence[int], frames: int) -> Iterator[Hypothesis]:
+    """All mistakes looked for, of all cameras, of pairs and of single views.
+
+    Late views are of two alone, by half of a short clip of so many ``frames`` at most.
+    """
     yield from _conventions()
     yield Hypothesis(
         "detections",
@@ -63,7 +68,7 @@ def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesi
         )
     yield from view_hypotheses(names, views)
     for view in views if len(views) < 3 else ():
-        yield from _delays(names[view], view)
+        yield from _delays(names[view], view, DELAYS[-1] if frames >= SHORT else frames // 2)
 
 
 def view_hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
@@ -138,9 +143,9 @@ def _single(name: str, view: int) -> Iterator[Hypothesis]:
         )
 
 
-def _delays(name: str, view: int) -> Iterator[Hypothesis]:
+def _delays(name: str, view: int, most: int) -> Iterator[Hypothesis]:
     """Of more views, ``late_view`` finds the very frame."""
-    for delay in DELAYS:
+    for delay in (each for each in DELAYS if abs(each) <= most):
         way = "late" if delay > 0 else "early"
         yield Hypothesis(
             name,
@@ -148,6 +153,7 @@ def _delays(name: str, view: int) -> Iterator[Hypothesis]:
             "synchronise the videos",
             partial(delayed, view=view, delay=delay),
             views=(view,),
+            delay=delay,
         )
 
 
@@ -296,6 +302,7 @@ def late_view(scene: Scene, names: Sequence[str]) -> Hypothesis | None:
         "synchronise the videos, and detections with them",
         partial(delayed, view=view, delay=shift),
         views=(view,),
+        delay=shift,
     )
 
 
