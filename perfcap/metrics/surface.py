@@ -13,7 +13,6 @@ from torch import Tensor
 
 from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
-from perfcap.metrics.missing import check_metres
 from perfcap.setting_checks import require_count
 
 Floats = NDArray[np.float64]
@@ -62,9 +61,8 @@ def surface_error(
         translated: whether the means of all vertices are aligned first.
 
     Raises:
-        InputError: the vertices are not those of one template, no numbers or in another unit,
-            ``part`` is no mask of them, the faces are not of them or span no area, or nothing is
-            drawn.
+        InputError: the vertices are not those of one template or no numbers, ``part`` is no mask of
+            them, the faces are not of them or span no area, or nothing is drawn.
     """
     require_count(samples, "samples")
     require_count(queries, "queries")
@@ -77,7 +75,6 @@ def surface_error(
     require_indices(faces, "faces", len(truth), "vertices")
     _require_finite(vertices, "vertices")
     _require_finite(truth, "vertices of the truth")
-    check_metres(vertices=torch.from_numpy(vertices[None]), truth=torch.from_numpy(truth[None]))
     moved = vertices - vertices.mean(0) + truth.mean(0) if translated else vertices
     chosen = np.flatnonzero(part) if part is not None else np.arange(len(truth))
     vertex = np.linalg.norm(moved - truth, axis=1)[chosen].mean()
@@ -147,8 +144,7 @@ def vertex_error(
         translated: whether the means of all vertices are aligned first.
 
     Raises:
-        InputError: the vertices are not those of one template or in another unit, or ``part`` is
-            no mask of them.
+        InputError: the vertices are not those of one template, or ``part`` is no mask of them.
     """
     if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.dim() < 3:
         raise InputError(
@@ -156,7 +152,6 @@ def vertex_error(
             "vertices of one template, (*b, F, V, 3)"
         )
     _require_part(part, vertices.shape[-2])
-    check_metres(vertices=vertices, truth=truth)
     offset = vertices - truth
     if translated:
         offset = offset - offset.mean(-2, keepdim=True)

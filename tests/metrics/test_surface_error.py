@@ -145,18 +145,3 @@ def test_surfaces_that_are_none() -> None:
                 surface_distance(*pair, rng)
     with pytest.raises(InputError, match=r"^vertices are not all finite"):
         surface_error(lost, vertices, faces, rng)
-
-
-def test_surfaces_in_another_unit_are_refused() -> None:
-    """Millimetres gave errors of a kilometre; any joint errors of them are refused."""
-    vertices, faces = sphere()
-    rng = np.random.default_rng(0)
-    for pair, name in (
-        ((1e3 * vertices, vertices), "vertices"),
-        ((vertices, 1e2 * vertices), "tr"),
-    ):
-        with pytest.raises(InputError, match=rf"^{name}.* spans .* expected metres"):
-            surface_error(*pair, faces, rng)
-        tensors = (torch.tensor(each)[None] for each in pair)
-        with pytest.raises(InputError, match=rf"^{name}.* spans .* expected metres"):
-            vertex_error(*tensors)
