@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import pytest
 import torch
-from takes import make_take
+from synthetic import actor as person
+from synthetic import cameras as circle
+from takes import detect, make_take, sway
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_agreement, examine_detections
+from perfcap.io.doctor.evidence import Scene
 from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 
 PAIRS = (
@@ -102,3 +105,30 @@ def test_a_crown_above_the_shoulders_is_none() -> None:
     for name, share in (("head_top", 0.05), ("neck", 0.3)):
         pixels[:, LANDMARKS.index(name)] = middle + share * width
     assert examine_crown("a", pixels, torch.ones(pixels.shape[:2])) == []
+
+
+def test_bones_have_no_length_where_two_views_face_each_other() -> None:
+    """Right joints, a few pixels off: crowns and elbows were called necks and wrists."""
+    actor = person()
+    cameras = circle(4, size=600).select([0, 2])
+    moved = sway(actor, 24, 30.0)
+    lower = replace(moved, translation=moved.translation - torch.tensor([0.0, 0.5, 0.0]))
+    seen = detect(actor, cameras, lower, lifted=False)  # necks are between the cameras
+    rig = CameraRig(("a", "b"), cameras)
+    random = torch.Generator().manual_seed(0)
+    for _ in range(6):
+        noise = 6.0 * torch.randn(seen.joints2d.shape, generator=random)
+        found = examine_agreement(rig, replace(seen, joints2d=seen.joints2d + noise))
+        assert not any("as named" in each.what for each in found)
+
+
+def test_rays_cross_where_views_see_the_person_from_two_sides() -> None:
+    cameras = circle(4, size=600)
+    seen = detect(person(), cameras, sway(person(), 3, 30.0), lifted=False)
+    points = person().joints(sway(person(), 3, 30.0))
+    every = Scene(cameras, seen)
+    assert float(every.select([0, 1]).crossing(points).min()) > 0.8
+    assert float(every.select([0, 2]).crossing(points).max()) < 0.5
+    one = replace(seen, confidence2d=seen.confidence2d * torch.tensor([1, 0, 1, 0])[:, None])
+    hidden = Scene(cameras, one).crossing(points)
+    torch.testing.assert_close(hidden, every.select([0, 2]).crossing(points))

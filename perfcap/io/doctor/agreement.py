@@ -41,6 +41,7 @@ HOPELESS = 0.08
 # In short clips calibration errors are alike in all frames, and another moment of one of two views
 # may undo them. Up to the first no view is called late there, up to the second it may be chance
 CALIBRATED, CLEARLY = 0.016, 0.023
+_CROSS = 0.35  # sine of the angle at which two rays place a joint well enough for lengths of bones
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
@@ -239,7 +240,8 @@ def _numbered(finding: Finding, views: Sequence[int]) -> Finding:
 
 def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Finding]]:
     """The unit of the world, and joints that have the names of others in every view."""
-    points, _ = scene.sampled().triangulated(rounds=6)
+    sampled = scene.sampled()
+    points, _ = sampled.triangulated(rounds=6)
     # hips, a shank and its foot are rarely known together where two views see them
     more, residual = scene.sampled(_OF_SIDES).triangulated(rounds=6)
     likely: list[Finding] = []
@@ -247,9 +249,11 @@ def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Fin
         exchanged, likely = examine_sides_of_two("detections", more, residual, successive)
     else:
         exchanged = examine_sides("detections", more, successive=successive)
-    exchanged = (
-        exchanged or examine_pairs("detections", points) or examine_neighbours("detections", points)
-    )
+    exchanged = exchanged or examine_pairs("detections", points)
+    if not exchanged:
+        # bones have lengths where rays cross
+        placed = sampled.crossing(points)[..., None] > _CROSS
+        exchanged = examine_neighbours("detections", torch.where(placed, points, torch.nan))
     everywhere = tuple(range(scene.detections.views))
     # what is likely alone takes no trust from joints
     return _scale(points), [replace(each, views=everywhere) for each in exchanged] or likely

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import torch
 from torch import Tensor
@@ -59,6 +60,20 @@ class Scene:
         """Points (F, 16, 3) m and residuals (F, 16) on the plane, NaN where unknown."""
         plane = self.cameras.to_plane(self.detections.joints2d)
         return triangulate(self.cameras, plane, self.detections.confidence2d, rounds)
+
+    def crossing(self, points: Tensor) -> Tensor:
+        """Sine of the angle at which the rays of two views that see a point cross, (F, 16).
+
+        Of the two that cross best; 0 where none do. Along rays that hardly cross, as between two
+        cameras that look at each other, little says where a point is.
+        """
+        rays = points[:, None] - self.cameras.centre[..., None, :]
+        seen = (self.detections.confidence2d > 0)[..., None]
+        rays = torch.where(seen, torch.nn.functional.normalize(rays, dim=-1), 0)  # F C 16 3
+        best = torch.zeros_like(points[..., 0])
+        for one, other in combinations(rays.unbind(1), 2):
+            best = torch.maximum(best, torch.linalg.cross(one, other).norm(dim=-1).nan_to_num())
+        return best
 
     @property
     def focal(self) -> float:
