@@ -1,10 +1,13 @@
 """Sound views of people who lie, cameras on their sides, and half figures: nothing is named."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 import torch
-from takes import F64, Take, detect, make_take
+from synthetic import actor as person
+from synthetic import cameras as circle
+from takes import F64, Take, detect, make_take, sway
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
@@ -111,3 +114,47 @@ def test_half_figures_have_no_knees_in_the_place_of_hips() -> None:
     confidence[..., LEGS] = 0
     half = replace(seen, joints2d=pixels, confidence2d=confidence)
     assert findings(take.cameras, half) == []
+
+
+def with_slow_errors(seen: Detections, pixels: float, seed: int) -> Detections:
+    """As networks make them: of a joint they stay for several frames."""
+    generator = torch.Generator().manual_seed(seed)
+    errors = torch.randn(seen.joints2d.shape, generator=generator, dtype=F64)
+    for before, now in pairwise(errors):
+        now.mul_(0.44).add_(0.9 * before)
+    return replace(seen, joints2d=seen.joints2d + pixels * errors)
+
+
+def between(cameras: Camera) -> Detections:
+    """Of a person whose neck is as high as the cameras: where two face each other, between them."""
+    actor = person()
+    moved = sway(actor, FRAMES, 30.0)
+    lower = moved.translation - torch.tensor([0.0, 0.5, 0.0])
+    return detect(actor, cameras, replace(moved, translation=lower), lifted=False)
+
+
+def test_two_of_three_views_that_face_each_other_accuse_no_third() -> None:
+    """They hardly place a joint on the line between them: "sees the person 27 px from where"."""
+    cameras = circle(4, size=600).select([0, 1, 2])
+    seen = between(cameras)
+    for seed in range(6, 11):
+        found = findings(cameras, with_slow_errors(seen, 5.0, seed))
+        assert not any("sees the person" in each.what for each in found)
+
+
+def test_a_third_view_is_accused_of_what_it_sees_beside_their_line() -> None:
+    cameras = circle(4, size=600).select([0, 1, 2])
+    seen = between(cameras)
+    joints = seen.joints2d.clone()
+    joints[:, 1, :, 1] += 60  # along the line between the others nothing shows it
+    found = findings(cameras, with_slow_errors(replace(seen, joints2d=joints), 1.0, 0))
+    assert any("cam1" in each.subject and "sees the person" in each.what for each in found)
+
+
+def test_views_next_to_each_other_have_their_size() -> None:
+    """Errors are smaller in smaller images: "made in images 1.5 times the size"."""
+    cameras = circle(24, size=600).select([0, 1])
+    seen = between(cameras)
+    for seed in range(5, 10):
+        found = findings(cameras, with_slow_errors(seen, 5.0, seed))
+        assert not any("times the size" in each.what for each in found)

@@ -16,6 +16,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.evidence import (
     BETTER,
+    CROSSING,
     MIN_JOINTS,
     Scene,
     disagreement,
@@ -38,10 +39,10 @@ FINE = 0.005  # below this nothing is looked for
 BAD = 0.04
 CULPRIT = 0.03
 HOPELESS = 0.08
-# In short clips calibration errors are alike in all frames, and another moment of one of two views
-# may undo them. Up to the first no view is called late there, up to the second it may be chance
+# Calibration errors are alike in frames near each other, and another moment of one of two views may
+# undo them. Up to the first no view of a short clip is called late, and of others it may be chance;
+# it may be so up to the second in short ones
 CALIBRATED, CLEARLY = 0.016, 0.023
-_CROSS = 0.35  # sine of the angle at which two rays place a joint well enough for lengths of bones
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
@@ -150,8 +151,9 @@ def _explain(
         return finding, turned.undo(scene), names
     if explained:
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
-        if best.delay and short and now < CLEARLY * height:
-            what += ", which may be chance in so few frames"
+        if best.delay and now < (CLEARLY if short else CALIBRATED) * height:
+            what += ", which may be chance"
+            what += " in so few frames" if short else ": a calibration may leave as much"
             finding = Finding(Severity.WARNING, best.subject, what, best.remedy)
             return finding, best.undo(scene), names
         # of two views it is unknown which one is wrong
@@ -176,7 +178,8 @@ def best_mistake(
     views, frames = range(len(names)), scene.detections.frame_count
     every = hypotheses(names, views, frames)
     candidates = [each for each in every if timed or not each.delay]
-    left = [disagreement(candidate.undo(scene).sampled()) for candidate in candidates]
+    # in an image of a fourth of the size all errors are a fourth, too
+    left = [disagreement(each.undo(scene).sampled()) / each.scale for each in candidates]
     left = [
         math.inf
         if (candidate.settles and rest > bad) or _of_fewer(scene, candidate.delay, rest)
@@ -252,7 +255,7 @@ def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Fin
     exchanged = exchanged or examine_pairs("detections", points)
     if not exchanged:
         # bones have lengths where rays cross
-        placed = sampled.crossing(points)[..., None] > _CROSS
+        placed = sampled.crossing(points)[..., None] > CROSSING
         exchanged = examine_neighbours("detections", torch.where(placed, points, torch.nan))
     everywhere = tuple(range(scene.detections.views))
     # what is likely alone takes no trust from joints

@@ -17,7 +17,9 @@ from perfcap.io.doctor.detections import CONFIDENT
 
 FRAMES = 24  # looked at, evenly spread
 MIN_DEPTH = 0.1  # m; nobody is filmed from nearer
+_AHEAD = 0.01  # m, along a ray: short enough for a direction in an image
 MIN_JOINTS = 30  # seen by two views, in all frames looked at, to say anything
+CROSSING = 0.35  # sine of the angle at which two rays place a joint well enough along both
 BETTER = 0.65  # a mistake explains the disagreement if undoing it leaves at most this share
 
 
@@ -61,17 +63,20 @@ class Scene:
         plane = self.cameras.to_plane(self.detections.joints2d)
         return triangulate(self.cameras, plane, self.detections.confidence2d, rounds)
 
+    def rays(self, points: Tensor) -> Tensor:
+        """Directions from views that see points (F, 16, 3) to them, (F, C, 16, 3); 0 of others."""
+        seen = (self.detections.confidence2d > 0)[..., None]
+        away = points[:, None] - self.cameras.centre[..., None, :]
+        return torch.where(seen, torch.nn.functional.normalize(away, dim=-1), 0)
+
     def crossing(self, points: Tensor) -> Tensor:
         """Sine of the angle at which the rays of two views that see a point cross, (F, 16).
 
         Of the two that cross best; 0 where none do. Along rays that hardly cross, as between two
         cameras that look at each other, little says where a point is.
         """
-        rays = points[:, None] - self.cameras.centre[..., None, :]
-        seen = (self.detections.confidence2d > 0)[..., None]
-        rays = torch.where(seen, torch.nn.functional.normalize(rays, dim=-1), 0)  # F C 16 3
         best = torch.zeros_like(points[..., 0])
-        for one, other in combinations(rays.unbind(1), 2):
+        for one, other in combinations(self.rays(points).unbind(1), 2):
             best = torch.maximum(best, torch.linalg.cross(one, other).norm(dim=-1).nan_to_num())
         return best
 
@@ -117,11 +122,23 @@ def joint_residuals(scene: Scene) -> Tensor:
 
 
 def left_out_errors(scene: Scene, view: int) -> Tensor:
-    """Distances of a view's joints from where the others see them, (F, 16) px, NaN if unknown."""
-    others = [other for other in range(scene.detections.views) if other != view]
-    points, _ = scene.select(others).triangulated(rounds=6)
-    pixels = scene.cameras.select([view]).project(points.nan_to_num())[:, 0]
-    distance = (pixels - scene.detections.joints2d[:, view]).norm(dim=-1)
+    """Distances of a view's joints from where the others see them, (F, 16) px, NaN if unknown.
+
+    Where the rays of the others hardly cross, a joint may be anywhere along them.
+    """
+    rest = scene.select([other for other in range(scene.detections.views) if other != view])
+    points, _ = rest.triangulated(rounds=6)
+    own = scene.cameras.select([view])
+    pixels = own.project(points.nan_to_num())[:, 0]
+    offset = pixels - scene.detections.joints2d[:, view]
+    rays = rest.rays(points)
+    first = rays.norm(dim=-1).argmax(1)[:, None, :, None].expand(-1, 1, -1, 3)
+    ahead = points + _AHEAD * rays.gather(1, first)[:, 0]
+    along = own.project(ahead.nan_to_num())[:, 0] - pixels
+    along = torch.nn.functional.normalize(along, dim=-1)
+    across = offset[..., 0] * along[..., 1] - offset[..., 1] * along[..., 0]
+    vague = rest.crossing(points) < CROSSING
+    distance = torch.where(vague, across.abs(), offset.norm(dim=-1))
     seen = (scene.detections.confidence2d[:, view] > 0) & ~points.isnan().any(-1)
     return torch.where(seen, distance, torch.nan)
 

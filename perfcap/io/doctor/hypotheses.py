@@ -44,6 +44,7 @@ class Hypothesis:
     settles: bool = False
     views: tuple[int, ...] = ()  # that are wrong, where it is said of some
     delay: int = 0  # frames that a view is late, where that is the mistake
+    scale: float = 1.0  # of all joints, and of what views disagree by, once it is undone
 
 
 def hypotheses(names: Sequence[str], views: Sequence[int], frames: int) -> Iterator[Hypothesis]:
@@ -65,6 +66,7 @@ def hypotheses(names: Sequence[str], views: Sequence[int], frames: int) -> Itera
             f"look as if made in images {1 / scale:.3g} times the size of the calibration's",
             "detect in the calibrated size, or calibrate in the detected one",
             partial(_scaled, views=views, scale=scale),
+            scale=scale,
         )
     yield from view_hypotheses(names, views)
     for view in views if len(views) < 3 else ():
