@@ -132,3 +132,18 @@ def test_rays_cross_where_views_see_the_person_from_two_sides() -> None:
     one = replace(seen, confidence2d=seen.confidence2d * torch.tensor([1, 0, 1, 0])[:, None])
     hidden = Scene(cameras, one).crossing(points)
     torch.testing.assert_close(hidden, every.select([0, 2]).crossing(points))
+
+
+@pytest.mark.parametrize(("frames", "bent", "named"), [(12, True, False), (12, False, True)])
+def test_short_forearms_of_few_frames_are_no_exchange(frames: int, bent: bool, named: bool) -> None:
+    """Bent arms of skeletons whose forearms are short: right ones; straight ones exchanged."""
+    points = person().joints(sway(person(), frames, 30.0)).clone()
+    shoulder, elbow, wrist = (LANDMARKS.index(f"l_{n}") for n in ("shoulder", "elbow", "wrist"))
+    noise = 0.01 * torch.randn(frames, 3, generator=torch.Generator().manual_seed(1)).double()
+    start = points[:, shoulder]
+    down, ahead = torch.tensor([0.0, -0.28, 0.0]), torch.tensor([0.0, 0.12, 0.12])
+    points[:, elbow] = start + down + (noise if bent else 0)
+    points[:, wrist] = start + down + (ahead if bent else 0.9 * down + noise)
+    if not bent:
+        points = exchanged(points, ("l_elbow", "l_wrist"))
+    assert bool(examine_neighbours("detections", points)) is named

@@ -10,15 +10,17 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.finding import Finding, Severity
 
-# Joints of a limb, and how often its upper bone may fit between the neck and the first of them
-_LIMBS = ((("shoulder", "elbow", "wrist"), 1.1), (("hip", "knee", "ankle"), 1.9))
+# Joints of a limb, how often its upper bone may fit between the neck and the first of them, and how
+# many times one of its bones may be as long as the other in few frames: forearms of some recorded
+# skeletons are short, and an arm that stays bent hides for a while which of its joints is where
+_LIMBS = ((("shoulder", "elbow", "wrist"), 1.1, 1.8), (("hip", "knee", "ankle"), 1.9, 1.4))
 _HEAD = ("head_top", "neck", "l_shoulder", "r_shoulder")
-_LONGER = 1.4  # times one bone of a limb may be as long as the other
+_LONGER = 1.4  # times one bone of a limb may be as long as the other, in many frames
 # Of the bones as named. Who sits or boxes has short ones in any order, but steady ones in one: some
 # networks have forearms as short as those of the motion that they learned from
 _SHORTER = 0.9
 _ORDERS = ([0, 1, 3, 2], [0, 2, 1, 3], [0, 3, 2, 1])  # of the neck and the joints
-_FEWEST = 10  # frames
+_FEWEST, _MANY = 10, 24  # frames
 _SURE = 0.3  # confidence
 _ABOVE = 0.5  # of the width of the shoulders in the image: from above, necks are nearer to them
 _REMEDY = "exchange their names or columns: in the order of the joints they are each other's"
@@ -35,11 +37,11 @@ def examine_neighbours(subject: str, points: Tensor) -> list[Finding]:
     found = ["head_top and neck"] if _headlong(points) else []
     if found:
         points = points[:, [1, 0, *range(2, len(LANDMARKS))]]
-    for joints, most in _LIMBS:
+    for joints, most, longer in _LIMBS:
         for side in "lr":
             names = ["neck", *(f"{side}_{name}" for name in joints)]
             limb = points[:, [LANDMARKS.index(name) for name in names]]
-            if order := _better(limb, most):
+            if order := _better(limb, most, longer):
                 found.append(" and ".join(names[i] for i, other in enumerate(order) if i != other))
     if not found:
         return []
@@ -77,10 +79,11 @@ def _headlong(points: Tensor) -> bool:
     return bool(own > _LONGER * other > 0)
 
 
-def _better(limb: Tensor, most: float) -> list[int] | None:
+def _better(limb: Tensor, most: float, longer: float) -> list[int] | None:
     """The order in which a neck and three joints (F, 4, 3) are those of a limb, if as named not."""
     named, loose = _bones(limb)
-    if not _odd(named, most):
+    many = int(limb.isfinite().all(-1).all(-1).sum()) >= _MANY
+    if not _odd(named, most, _LONGER if many else longer):
         return None
     for order in _ORDERS:
         bones, steady = _bones(limb[:, order])
@@ -104,9 +107,9 @@ def _bones(limb: Tensor) -> tuple[list[float], float]:
     return middles, spread
 
 
-def _odd(bones: list[float], most: float) -> bool:
+def _odd(bones: list[float], most: float, longer: float = _LONGER) -> bool:
     """Whether no person has such bones; of an estimator without one of the joints, not."""
     neck, upper, lower = bones
     if not min(upper, lower) > 0:
         return False
-    return abs(math.log(upper / lower)) > math.log(_LONGER) or neck > most * upper
+    return abs(math.log(upper / lower)) > math.log(longer) or neck > most * upper
