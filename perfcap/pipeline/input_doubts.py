@@ -28,6 +28,7 @@ from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.image_doubts import image_doubts, mask_sentences
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.other_frames import Pair, other_frames
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
 
@@ -43,19 +44,34 @@ _NO_POSE = (
 
 
 def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) -> None:
-    """Warn of views whose joints are far from those that the capture had, and not learned.
+    """Warn of views whose joints are of other frames than the capture's, or far from its own.
+
+    Joints that are learned may be far for a while, so that of these other frames alone are told.
 
     Args:
         given: (F, C), in the pixels of the capture.
         kept: (F, C), those of the capture.
         height: of the person, (C,), pixels.
     """
+    counts = given.confidence2d > 0, kept.confidence2d > 0
+    pixels = given.joints2d.detach(), kept.joints2d.detach()
+    own, others = (part / height.detach()[:, None, None] for part in pixels)
+    shifted = other_frames(Pair(own, others, *counts))
+    for words in dict.fromkeys(each.words for each in shifted.values()):
+        views = [view for view, each in shifted.items() if each.words == words]
+        there, here = (max(getattr(shifted[v], at) for v in views) for at in ("there", "here"))
+        warnings.warn(
+            f"detections of views {views} look like those of other frames: {there:.1%} of the "
+            f"person's height from those of the capture {words}, {here:.1%} from those of the same "
+            "frames; give the joints of the frames that were captured, in their order",
+            stacklevel=3,
+        )
     if given.joints2d.requires_grad:
         return
-    both = (given.confidence2d > 0) & (kept.confidence2d > 0)
-    apart = (given.joints2d - kept.joints2d).detach().norm(dim=-1) / height[:, None]
-    usual = apart.where(both, torch.nan).transpose(0, 1).flatten(1).nanmedian(1).values  # C
-    far = (usual > _APART).nonzero().flatten().tolist()
+    apart = (own - others).norm(dim=-1)
+    usual = apart.where(counts[0] & counts[1], torch.nan).transpose(0, 1).flatten(1)
+    usual = usual.nanmedian(1).values  # C
+    far = [view for view in (usual > _APART).nonzero().flatten().tolist() if view not in shifted]
     if far:
         warnings.warn(
             f"detections of views {far} are {float(usual[far].max()):.0%} of the person's height "

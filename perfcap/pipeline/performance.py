@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -30,7 +31,7 @@ from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
 from perfcap.pipeline.refine_contours import ContourRefinement
 from perfcap.pipeline.result_files import write_result
-from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_doubts
 from perfcap.pipeline.surroundings import upright
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.trust import Trust
@@ -281,6 +282,9 @@ class Performance:
         """
         _require_number(first_frame)
         frame_rate(self.rate)
+        if self.surface is not None:
+            for line in surface_doubts(self.surface, self.actor, self.motion):
+                warnings.warn(line, stacklevel=2)
         with made_folder(folder) as place:
             finish(place)
             with replacing(place) as scratch:

@@ -15,6 +15,10 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 
 BLOCK = 16  # frames in memory at once
+_LOOKED_AT = 9  # frames that are compared with the motion
+_APART = (
+    0.025  # of the person's height, in the median: more than clothes are loose by, skirts included
+)
 
 
 class SurfaceFrames(Protocol):
@@ -77,3 +81,34 @@ def surface_blocks(surface: SurfaceFrames, size: int = BLOCK) -> Iterator[NDArra
     """All frames in order as arrays (f, V, 3) float32, for files."""
     for start in range(0, surface.frames, size):
         yield surface[start : start + size].detach().cpu().float().numpy()
+
+
+def surface_doubts(surface: SurfaceFrames, actor: Actor, motion: Motion) -> Iterator[str]:
+    """Whether a captured surface is that of another motion: far from the skin in most frames.
+
+    A few frames are looked at, and no more of the surface is read.
+
+    Args:
+        surface: F frames.
+        actor: whom the motion moves.
+        motion: (F,).
+    """
+    frames = min(surface.frames, motion.frames)
+    some = torch.linspace(0, frames - 1, min(frames, _LOOKED_AT)).round().long().tolist()
+    rest = actor.skeleton.rest_landmarks.detach()
+    height = float(rest[:, 1].max() - rest[:, 1].min())
+    apart = []
+    for frame in some:
+        with torch.no_grad():
+            skin = actor.surface(motion[frame : frame + 1])
+            kept = surface[frame : frame + 1].to(skin)
+        if kept.shape != skin.shape:  # files refuse it
+            return
+        apart.append(float((kept - skin).norm(dim=-1).nanmedian()) / height)
+    far = [each for each in apart if each > _APART]
+    if 2 * len(far) > len(apart):
+        yield (
+            f"the surface is not that of the motion: {len(far)} of {len(apart)} frames looked at "
+            f"are up to {max(far):.0%} of the person's height from it; capture again, or leave out "
+            "what is of the motion before: replace(..., surface=None, trust=None, contact=None)"
+        )

@@ -75,7 +75,8 @@ def test_saving_writes_the_surface_in_both_files(performance: Performance, tmp_p
             performance.save(tmp_path, first_frame=odd)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="rate is 0"):
         replace(performance, rate=0.0).save(tmp_path)
-    replace(performance, surface=surface).save(tmp_path, first_frame=6)
+    with pytest.warns(UserWarning, match="the surface is not that of the motion: 9 of 9 frames"):
+        replace(performance, surface=surface).save(tmp_path, first_frame=6)
     written = open_surface(tmp_path / "surface.npz")
     np.testing.assert_array_equal(written.vertices, surface.vertices.numpy())
     np.testing.assert_array_equal(written.faces, performance.actor.template.faces)
