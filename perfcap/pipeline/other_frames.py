@@ -9,9 +9,8 @@ from torch import Tensor
 
 _MOVED = 0.005  # of the person's height: nearer joints are of the same frames, or of one who stands
 _NEARER = 0.5  # of the distance at the same frames; joints of another detector keep more
-_SAME = (
-    0.1  # likewise, of few frames or one view of several: detectors are far off in such at times
-)
+# likewise, of few frames or one view of several: detectors are far off in such at times
+_SAME = 0.1
 _FEW = 8  # frames
 _COUNTED = 0.5  # of the joints that count at the same frames
 _SHOWN = 64  # frames that are compared: a person moves in them as in all

@@ -16,9 +16,8 @@ from perfcap.actor.motion import Motion
 
 BLOCK = 16  # frames in memory at once
 _LOOKED_AT = 9  # frames that are compared with the motion
-_APART = (
-    0.025  # of the person's height, in the median: more than clothes are loose by, skirts included
-)
+# of the person's height, in the median: more than clothes are loose by, skirts included
+_APART = 0.025
 
 
 class SurfaceFrames(Protocol):
