@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,9 +18,11 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
+from perfcap.io.doctor.held_masks import held_within
 from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
 from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.rigging.build_body import Person
+from perfcap.rigging.drawn_bodies import area_doubts, areas_of
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -95,8 +98,20 @@ def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks |
         parts = names, there, own.inside, own.known
         told += [*others_doubts(*parts), *limb_doubts(*parts)]
         told += pose_doubts(names, cameras, masks.cameras, "masks")
+        told += _known_doubts(own)
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _known_doubts(masks: PersonMasks) -> Iterator[str]:
+    """A sentence about masks of which hardly more than the inside is known."""
+    held = None if masks.known is None else held_within(masks.inside, masks.known)
+    if held is not None:
+        yield (
+            f"masks are known outside of the person by {held:.0%} of how much inside: the body may "
+            "grow beyond them at no cost; expected in known which pixels say anything, not where "
+            "the person is"
+        )
 
 
 def _seen_in(
@@ -117,8 +132,19 @@ def warn_of_result(
     detections: Detections,
     height: float | None,
     masks: PersonMasks | None,
+    of_joints: Motion | None = None,
 ) -> None:
-    """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others."""
+    """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others.
+
+    Args:
+        model: of the body.
+        fit: the body.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C), that it was fitted to.
+        height: as it was given, metres.
+        masks: that it was fitted to.
+        of_joints: (F,), with the shape, fitted before masks were looked at.
+    """
     masked = None if masks is None else _seen_in(masks, cameras, detections)
     seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
@@ -129,8 +155,23 @@ def warn_of_result(
     plain = replace(fit, motion=fit.motion.map(_plain))
     body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
     told = [line for line in fit_doubts(body, plain, given) if line not in known]
+    if masked is not None and of_joints is not None:
+        told += _area_doubts(body, of_joints.map(_plain), masked[1], names, [*known, *told])
     for line in (*depth_doubts(plain, given), *told):
         warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _area_doubts(
+    body: BodyModel, of_joints: Motion, masks: PersonMasks, names: list[str], told: list[str]
+) -> list[str]:
+    """Those of ``area_doubts`` about views that nothing else was said of."""
+    if any(line.startswith("silhouettes ") for line in told):
+        return []
+    areas = areas_of(body, of_joints, masks)
+    for view, name in enumerate(names):
+        if any(line.startswith(f"masks of {name}: ") for line in told):
+            areas.ratio[view] = torch.nan
+    return list(area_doubts(areas, names))
 
 
 def _plain(part: Tensor) -> Tensor:
