@@ -103,24 +103,31 @@ def areas_of(model: BodyModel, of_joints: Motion, masks: PersonMasks) -> Areas:
     return Areas(*found.nanmedian(0).values.mT)
 
 
-def area_doubts(areas: Areas, names: Sequence[str]) -> Iterator[str]:
-    """Sentences about views whose masks are larger or fainter than the person.
+_AREA = "have {:.2f} times the area of a body that is fitted to joints alone"
+
+
+def wide_doubts(areas: Areas, names: Sequence[str]) -> Iterator[str]:
+    """Sentences about views whose masks are larger than the person.
 
     Args:
         areas: of C views.
         names: of the views.
     """
-    for name, ratio, sure in zip(names, areas.ratio.tolist(), areas.sure.tolist(), strict=True):
-        area = f"have {ratio:.2f} times the area of a body that is fitted to joints alone"
+    for name, ratio in zip(names, areas.ratio.tolist(), strict=True):
         if ratio > _LARGER:
             yield (
-                f"masks of {name}: {area}, and girths follow them; expected masks that end where "
-                "the person does: are they wide, or the clothes loose? Fit joints alone then; of "
-                "somebody stout they may be right"
+                f"masks of {name}: {_AREA.format(ratio)}, and girths follow them; expected masks "
+                "that end where the person does: are they wide, or the clothes loose? Fit joints "
+                "alone then; of somebody stout they may be right"
             )
-        elif ratio < _SMALLER and sure < _FEW:
+
+
+def faint_doubts(areas: Areas, names: Sequence[str]) -> Iterator[str]:
+    """Likewise about soft masks that are 1 hardly anywhere."""
+    for name, ratio, sure in zip(names, areas.ratio.tolist(), areas.sure.tolist(), strict=True):
+        if ratio < _SMALLER and sure < _FEW:
             yield (
-                f"masks of {name}: {area}, {sure:.0%} of it at pixels of {_SURE} or more, and "
-                "girths follow them; expected 1 where the person surely is: divide them by what "
-                "they reach there"
+                f"masks of {name}: {_AREA.format(ratio)}, {sure:.0%} of it at pixels of {_SURE} "
+                "or more, and girths follow them; expected 1 where the person surely is: divide "
+                "them by what they reach there"
             )

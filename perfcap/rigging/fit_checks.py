@@ -22,7 +22,7 @@ from perfcap.io.doctor.held_masks import held_within
 from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
 from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.rigging.build_body import Person
-from perfcap.rigging.drawn_bodies import area_doubts, areas_of
+from perfcap.rigging.drawn_bodies import Areas, areas_of, faint_doubts, wide_doubts
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from perfcap.rigging.fit_body import BodyFit
 
 _ROUNDING = 1e-3  # of a confidence
+_ALL_MASKS = "silhouettes "  # how sentences about masks of all views begin
 
 
 def require_fit(
@@ -148,30 +149,30 @@ def warn_of_result(
     masked = None if masks is None else _seen_in(masks, cameras, detections)
     seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
-    known = set()
+    plain = replace(fit, motion=fit.motion.map(_plain))
+    body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
+    told = list(fit_doubts(body, plain, given))
     if masked is not None:
         there, own = masked
         known = {*others_doubts(names, there, own.inside, own.known)}
-    plain = replace(fit, motion=fit.motion.map(_plain))
-    body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
-    told = [line for line in fit_doubts(body, plain, given) if line not in known]
-    if masked is not None and of_joints is not None:
-        told += _area_doubts(body, of_joints.map(_plain), masked[1], names, [*known, *told])
+        told = [line for line in told if line not in known]
+        if of_joints is not None:
+            told = _with_areas(told, areas_of(body, of_joints.map(_plain), own), names)
     for line in (*depth_doubts(plain, given), *told):
         warnings.warn(f"body fit: {line}", stacklevel=3)
 
 
-def _area_doubts(
-    body: BodyModel, of_joints: Motion, masks: PersonMasks, names: list[str], told: list[str]
-) -> list[str]:
-    """Those of ``area_doubts`` about views that nothing else was said of."""
-    if any(line.startswith("silhouettes ") for line in told):
-        return []
-    areas = areas_of(body, of_joints, masks)
-    for view, name in enumerate(names):
-        if any(line.startswith(f"masks of {name}: ") for line in told):
-            areas.ratio[view] = torch.nan
-    return list(area_doubts(areas, names))
+def _with_areas(told: list[str], areas: Areas, names: list[str]) -> list[str]:
+    """What was said of masks, and of areas what does not say the same of a view again."""
+    faint = list(faint_doubts(areas, names))
+    if faint:  # a body within them leaves as much out as one in a coat, and is no such
+        return [*faint, *(line for line in told if not line.startswith(_ALL_MASKS))]
+    if any(line.startswith(_ALL_MASKS) for line in told):
+        return told
+    said = tuple(f"masks of {name}: " for name in names)
+    named = {line[: line.index(": ") + 2] for line in told if line.startswith(said)}
+    wide = wide_doubts(areas, names)
+    return [*told, *(line for line in wide if line[: line.index(": ") + 2] not in named)]
 
 
 def _plain(part: Tensor) -> Tensor:
