@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
 
+from perfcap.io.doctor.held_masks import held_within
 from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.sight import Outline, Sight
@@ -33,7 +34,6 @@ _BETTER = 0.2  # of the same: more than a pose that is solved already is off
 # Of the person's height, and of the overlap: that of bodies with the masks of three people whom a
 # capture finds is the best where they are, of another actor's as well
 _BESIDE, _FITS_BESIDE, _FEW = 0.03, 0.03, 2.5  # the last: pixels
-_HELD = 0.2  # of what pixels within masks count for, or of all those beyond
 _SHOWN = 0.1  # of the drawn person, of which less says nothing of where masks lie
 _LARGER = 1.25  # areas of the captured person: masks that are drawn too wide, or of a coat
 
@@ -116,12 +116,10 @@ def warn_of_trust_within(masks: Tensor, trust: Tensor) -> None:
         masks: (F, C, H, W), bool or from 0 to 1.
         trust: how much each pixel counts, of a shape that broadcasts to the masks.
     """
-    found = masks.detach() > 0.5
-    counted = trust.detach().to(found.device)
-    within, around = ((counted * each).sum(dtype=torch.float64) for each in (found, ~found))
-    if bool(around < _HELD * within.clamp(max=float((~found).sum()))):
+    held = held_within(masks, trust)
+    if held is not None:
         warnings.warn(
-            f"trust counts pixels outside of the masks for {float(around / within):.0%} of what it "
+            f"trust counts pixels outside of the masks for {held:.0%} of what it "
             "counts those within for: the person may grow beyond the masks at no cost; expected "
             "how sure a pixel is, whichever it shows, not how likely it shows the person",
             stacklevel=3,

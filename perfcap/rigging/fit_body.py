@@ -140,15 +140,7 @@ def fit_body(
     warn_of_inputs(cameras, detections, masks)
     problem = _Problem(model, cameras, detections, height, settings, adjoint)
     if settings.consensus == "median":
-        alone = [
-            _Problem(model, cameras.frames(one), detections.frames(one), height, settings).fitted(
-                initial[one], None if masks is None else masks.frames(one)
-            )
-            for one in (slice(frame, frame + 1) for frame in range(initial.frames))
-        ]
-        poses = [motion for motion, _ in alone]
-        problem.fixed = torch.stack([motion.shared[BODY] for motion in poses]).median(0).values
-        initial = Motion.cat([replace(motion, shared={}) for motion in poses])
+        initial = problem.shape_fixed(initial, masks)
     if contours is not None:
         motion, contour = problem.outlined(problem.fitted(initial, None)[0], contours)
         found = problem.result(motion, {"contours": contour})
@@ -156,7 +148,7 @@ def fit_body(
         found = replace(found, support=float(support.mean()))
     else:
         found = problem.result(*problem.fitted(initial, masks))
-    warn_of_result(model, found, cameras, detections, height, masks)
+    warn_of_result(model, found, cameras, detections, height, masks, problem.of_joints)
     return found
 
 
@@ -188,6 +180,7 @@ class _Problem:
         self.surface = ShapedPoints.of_surface(model, self.actor)
         self.unit = 0.01 * detections.box_heights()
         self.fixed: Tensor | None = None  # a shape that is known
+        self.of_joints: Motion | None = None  # with a shape that masks have no part in
         self.energies = self._energies(None)
 
     def _energies(self, offsets: tuple[float, ...] | None) -> dict[str, Energy[Any]]:
@@ -220,12 +213,30 @@ class _Problem:
         settings, free = self.settings, torch.zeros(self.model.components).to(initial.angles)
         shape = free if self.fixed is None else self.fixed
         motion = self.solved(replace(initial, shared={BODY: shape}), {}, settings.steps[0])
+        if self.fixed is None:
+            self.of_joints = motion.map(torch.Tensor.detach)
         energies: dict[str, Energy[Any]] = {}
         if masks is not None:
             for pixels, steps in zip(settings.heights, settings.steps[1:], strict=False):
                 energies = {"silhouettes": self.silhouettes(masks, pixels)}
                 motion = self.solved(motion, energies, steps)
         return motion, energies
+
+    def shape_fixed(self, initial: Motion, masks: PersonMasks | None) -> Motion:
+        """Fix the shape to the median of what each frame says: the poses that go with those."""
+        found, of_joints = [], []
+        for frame in range(initial.frames):
+            one = slice(frame, frame + 1)
+            seen = self.cameras.frames(one), self.detections.frames(one)
+            alone = _Problem(self.model, *seen, self.height, self.settings)
+            found.append(
+                alone.fitted(initial[one], None if masks is None else masks.frames(one))[0]
+            )
+            assert alone.of_joints is not None
+            of_joints.append(alone.of_joints)
+        both = _with_median_shape(found)
+        self.fixed, self.of_joints = both.shared[BODY], _with_median_shape(of_joints)
+        return replace(both, shared={})
 
     def outlined(self, motion: Motion, contours: Contours) -> tuple[Motion, DensityContour]:
         """Edges, after the joints: the motion with its shape, and the last contours."""
@@ -279,6 +290,13 @@ class _Problem:
         own = covariance[:count, :count]
         known = deviations(self.model, shape, own, edge)
         return BodyFit(shape, motion, template, measure(template), known, own)
+
+
+def _with_median_shape(motions: list[Motion]) -> Motion:
+    """Frames as one motion, whose shape is the median of theirs."""
+    shape = torch.stack([motion.shared[BODY] for motion in motions]).median(0).values
+    joined = Motion.cat([replace(motion, shared={}) for motion in motions])
+    return replace(joined, shared={BODY: shape})
 
 
 class Stature(Energy[Motion]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,9 +18,11 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
+from perfcap.io.doctor.held_masks import held_within
 from perfcap.io.doctor.mask_joints import limb_doubts, others_doubts
 from perfcap.io.doctor.same_poses import pose_doubts
 from perfcap.rigging.build_body import Person
+from perfcap.rigging.drawn_bodies import Areas, areas_of, faint_doubts, wide_doubts
 from perfcap.rigging.fit_doubts import FittedTo, depth_doubts, fit_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from perfcap.rigging.fit_body import BodyFit
 
 _ROUNDING = 1e-3  # of a confidence
+_ALL_MASKS = "silhouettes "  # how sentences about masks of all views begin
 
 
 def require_fit(
@@ -95,8 +99,20 @@ def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks |
         parts = names, there, own.inside, own.known
         told += [*others_doubts(*parts), *limb_doubts(*parts)]
         told += pose_doubts(names, cameras, masks.cameras, "masks")
+        told += _known_doubts(own)
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _known_doubts(masks: PersonMasks) -> Iterator[str]:
+    """A sentence about masks of which hardly more than the inside is known."""
+    held = None if masks.known is None else held_within(masks.inside, masks.known)
+    if held is not None:
+        yield (
+            f"masks are known outside of the person by {held:.0%} of how much inside: the body may "
+            "grow beyond them at no cost; expected in known which pixels say anything, not where "
+            "the person is"
+        )
 
 
 def _seen_in(
@@ -117,20 +133,46 @@ def warn_of_result(
     detections: Detections,
     height: float | None,
     masks: PersonMasks | None,
+    of_joints: Motion | None = None,
 ) -> None:
-    """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others."""
+    """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others.
+
+    Args:
+        model: of the body.
+        fit: the body.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C), that it was fitted to.
+        height: as it was given, metres.
+        masks: that it was fitted to.
+        of_joints: (F,), with the shape, fitted before masks were looked at.
+    """
     masked = None if masks is None else _seen_in(masks, cameras, detections)
     seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
-    known = set()
+    plain = replace(fit, motion=fit.motion.map(_plain))
+    body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
+    told = list(fit_doubts(body, plain, given))
     if masked is not None:
         there, own = masked
         known = {*others_doubts(names, there, own.inside, own.known)}
-    plain = replace(fit, motion=fit.motion.map(_plain))
-    body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
-    told = [line for line in fit_doubts(body, plain, given) if line not in known]
+        told = [line for line in told if line not in known]
+        if of_joints is not None:
+            told = _with_areas(told, areas_of(body, of_joints.map(_plain), own), names)
     for line in (*depth_doubts(plain, given), *told):
         warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _with_areas(told: list[str], areas: Areas, names: list[str]) -> list[str]:
+    """What was said of masks, and of areas what does not say the same of a view again."""
+    faint = list(faint_doubts(areas, names))
+    if faint:  # a body within them leaves as much out as one in a coat, and is no such
+        return [*faint, *(line for line in told if not line.startswith(_ALL_MASKS))]
+    if any(line.startswith(_ALL_MASKS) for line in told):
+        return told
+    said = tuple(f"masks of {name}: " for name in names)
+    named = {line[: line.index(": ") + 2] for line in told if line.startswith(said)}
+    wide = wide_doubts(areas, names)
+    return [*told, *(line for line in wide if line[: line.index(": ") + 2] not in named)]
 
 
 def _plain(part: Tensor) -> Tensor:

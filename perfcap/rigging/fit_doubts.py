@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
@@ -22,7 +22,7 @@ from perfcap.io.doctor.evidence import beside
 from perfcap.io.doctor.finding import ranges
 from perfcap.io.doctor.legs import leg_ratio
 from perfcap.io.doctor.mask_joints import LEAST_INSIDE, joints_inside
-from perfcap.render.projected_mesh import ProjectedMesh
+from perfcap.rigging.drawn_bodies import drawn_over
 from perfcap.rigging.person_masks import PersonMasks
 
 if TYPE_CHECKING:
@@ -212,7 +212,6 @@ def support_doubts(support: float | None, remedy: str = "give masks") -> Iterato
 _LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
 _UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
 _SHOWN, _HALF = 0.1, 0.5  # of the body: known parts that say something, and that are compared
-_HEIGHT = 300.0  # px, rows of the pictures that are compared
 
 
 @dataclass(frozen=True)
@@ -244,23 +243,10 @@ def overlap_of(
         detections: (F, C), in pixels of the masks.
         masks: of the same frames.
     """
-    factor = max(1, int(masks.inside.shape[-2] / _HEIGHT))
-    shape, known = masks.inside.shape, masks.known
-    told = None if known is None else (known > 0).expand(shape)
-    small = replace(masks, known=told).shrunk(factor)
-    surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)).to(motion.angles))
-    faces, bodies = torch.from_numpy(model.rig.faces), surface(motion)
-    views, rows = range(small.cameras.views), []
-    for frame, vertices in enumerate(bodies):
-        cameras = small.cameras.frames(slice(frame, frame + 1)).every_frame(1)
-        local = cameras.map(lambda each: each[0])
-        for view in views:
-            drawn = ProjectedMesh.seen_by(local.select([view]), vertices, faces).rasterize().mask
-            mask = small.inside[frame, view] > 0.5
-            # averages of pixels some of which are unknown are none of the mask
-            whole = None if small.known is None else small.known[frame, view] > 1 - 1e-6
-            rows.append(_compared(drawn, mask, whole))
-    table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
+    drawn = drawn_over(model, motion, masks)
+    rows = [_compared(one.body, one.mask > 0.5, one.known) for one in drawn]
+    shape = (*masks.inside.shape[:2], 3)
+    table = torch.tensor(rows, dtype=torch.float64).reshape(shape)
     inside = joints_inside(detections, masks.inside, masks.known)
     return Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
 

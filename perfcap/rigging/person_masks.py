@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import torch
 from torch import Tensor, nn
@@ -32,6 +33,13 @@ class PersonMasks:
                 f"masks have shape {tuple(self.inside.shape)}; expected (F, C, H, W) of "
                 f"{self.cameras.views} views"
             )
+        ends = self.inside.detach()
+        low, high = (float(x) for x in ends.aminmax()) if ends.numel() else (0.0, 1.0)
+        if not 0 <= low <= high <= 1:
+            raise InputError(
+                f"masks have values from {low:g} to {high:g}; expected bool, or 0 to 1: divide "
+                "bytes by 255"
+            )
 
     @classmethod
     def padded(cls, cameras: Camera, views: list[Tensor]) -> PersonMasks:
@@ -39,14 +47,19 @@ class PersonMasks:
 
         Args:
             cameras: C views in pixels of the images.
-            views: C masks, (F, H_c, W_c) each.
+            views: C masks, (F, H_c, W_c) each, bool or 0 to 1; soft ones stay soft.
+
+        Raises:
+            InputError: they are of another number of views, or have other values.
         """
         height, width = (max(view.shape[axis] for view in views) for axis in (1, 2))
-        inside = torch.zeros(len(views[0]), len(views), height, width, dtype=torch.bool)
-        known = torch.zeros(len(views), height, width, dtype=torch.bool)
+        kind = reduce(torch.promote_types, (view.dtype for view in views))
+        size = (len(views), height, width)
+        inside = torch.zeros(len(views[0]), *size, dtype=kind, device=views[0].device)
+        known = torch.zeros(size, dtype=torch.bool, device=views[0].device)
         for number, view in enumerate(views):
             rows, columns = view.shape[1:]
-            inside[:, number, :rows, :columns] = view > 0
+            inside[:, number, :rows, :columns] = view
             known[number, :rows, :columns] = True
         return cls(replace(cameras, size=((height, width),) * len(views)), inside, known)
 
