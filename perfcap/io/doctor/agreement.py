@@ -25,6 +25,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import SHORT, Hypothesis, hypotheses, late_view
+from perfcap.io.doctor.late_ways import late_ways
 from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
@@ -79,11 +80,13 @@ def examine_agreement(
     if bool(detections.trusted3d.any()) and not bool((detections.confidence2d > 0).any()):
         return []  # 3D poses alone: each is its view's own, and none is expected in the images
     given = Scene(rig.cameras, detections).straightened()
-    scene, names = given, list(rig.names)
-    height, now = person_height(scene.sampled()), disagreement(scene.sampled())
+    names, sampled = list(rig.names), given.sampled()
+    height, now = person_height(sampled), disagreement(sampled)
     if not (math.isfinite(height) and math.isfinite(now)):
-        return _unknown(scene.sampled().detections)
-    findings: list[Finding] = []
+        return _unknown(sampled.detections)
+    late = late_ways(given) if successive else None
+    findings = [] if late is None else [late.finding(names)]
+    scene = given if late is None else late.undo(given)
     for _ in rig.names:
         found = _explain(scene, names, height, alone, successive)
         if found is None:
