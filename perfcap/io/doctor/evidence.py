@@ -100,8 +100,12 @@ def disagreement(scene: Scene) -> float:
     figure whatever the number of views. A point behind a view that sees it counts as one off the
     image, since cameras in one place, say, agree on every point at that place.
     """
-    residual = joint_residuals(scene)
-    known = residual[~residual.isnan()]
+    return disagreement_of(scene, joint_residuals(scene))
+
+
+def disagreement_of(scene: Scene, residuals: Tensor) -> float:
+    """The same by residuals of joints on the plane, NaN where unknown."""
+    known = residuals[~residuals.isnan()]
     if len(known) < MIN_JOINTS:
         return math.inf
     views = scene.detections.views

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
-from perfcap.io.doctor.evidence import MIN_JOINTS, Scene, joint_residuals, person_height
+from perfcap.io.doctor.evidence import Scene, disagreement_of, joint_residuals, person_height
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import SHORT
 
@@ -73,7 +73,7 @@ def late_ways(scene: Scene) -> LateWays | None:
     sure = scene.sure()
     most = min(SHIFTS, scene.detections.frame_count - _FEWEST)
     height, residuals = person_height(sure.sampled()), joint_residuals(sure)
-    if not _pixels(sure, residuals) > _EXACT * height:
+    if not disagreement_of(sure, residuals) > _EXACT * height:
         return None
     fits = [_fit(sure, residuals, shift) for shift in range(-most, most + 1) if shift]
     best = max(fits, key=lambda fit: fit.now / fit.rest)
@@ -90,20 +90,12 @@ def _common(count: int, shift: int) -> Tensor:
     return common[torch.linspace(0, len(common) - 1, _FRAMES).round().long()]
 
 
-def _pixels(scene: Scene, residuals: Tensor) -> float:
-    """The median of residuals (F, 16) on the plane, as ``disagreement``; infinite of too few."""
-    known = residuals[~residuals.isnan()]
-    if len(known) < MIN_JOINTS:
-        return math.inf
-    views = scene.detections.views
-    return float(known.median()) * scene.focal * math.sqrt(2 * views / (2 * views - 3))
-
-
 def _fit(scene: Scene, residuals: Tensor, shift: int) -> LateWays:
     """What views disagree by with these poses, and with those ``shift`` frames later."""
     frames = _common(scene.detections.frame_count, shift)
     moved = Scene(scene.cameras.frames(frames + shift), scene.detections.frames(frames))
-    now, rest = _pixels(scene, residuals[frames]), _pixels(scene, joint_residuals(moved))
+    now = disagreement_of(scene, residuals[frames])
+    rest = disagreement_of(scene, joint_residuals(moved))
     return LateWays(shift, now, max(rest, _NOTHING))
 
 
@@ -148,5 +140,5 @@ def _joined(
 def _together(undone: Tensor, other: Tensor, scene: Scene) -> float:
     """How many times more the other residuals are, where both are known."""
     known = ~undone.isnan() & ~other.isnan()
-    one, another = (_pixels(scene, each[known]) for each in (undone, other))
+    one, another = (disagreement_of(scene, each[known]) for each in (undone, other))
     return another / max(one, _NOTHING) if math.isfinite(one) else math.inf
