@@ -60,7 +60,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     parts = (take.actor, take.cameras, take.detections, take.truth, take.rate, CaptureConfig())
     skinned = SkinnedSurface(take.actor, take.truth)
     folder = tmp_path_factory.mktemp("results") / "a result"
-    waves = 0.05 + 0.02 * torch.arange(FRAMES).sin()[:, None, None]
+    waves = 0.01 + 0.01 * torch.arange(FRAMES).sin()[:, None, None]
     surface = StoredSurface(skinned[:].float() + waves)
     Performance(*parts, surface=surface).save(folder, first_frame=START)
     return Recording(read_result(folder), NAME, 0, FRAMES)

@@ -34,7 +34,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     take = make_take(FRAMES, turns=2.0, rate=25.0, actor=Actor(named))
     parts = (take.actor, take.cameras, take.detections, take.truth, take.rate, CaptureConfig())
     folder = tmp_path_factory.mktemp("results") / "r"
-    surface = StoredSurface(SkinnedSurface(take.actor, take.truth)[:].float() + 0.05)
+    surface = StoredSurface(SkinnedSurface(take.actor, take.truth)[:].float() + 0.02)
     Performance(*parts, surface=surface).save(folder)
     return Recording(read_result(folder), "Zoë", 0, FRAMES)
 

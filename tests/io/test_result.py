@@ -27,7 +27,7 @@ def performance() -> Performance:
     take = make_take(FRAMES, turns=0.5)
     parts = (take.actor, take.cameras, take.detections, take.truth, take.rate, CaptureConfig())
     skinned = SkinnedSurface(take.actor, take.truth)
-    return Performance(*parts, surface=StoredSurface(skinned[:].float() + 0.05))
+    return Performance(*parts, surface=StoredSurface(skinned[:].float() + 0.02))
 
 
 @pytest.fixture(scope="module")
