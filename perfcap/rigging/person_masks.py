@@ -11,6 +11,8 @@ from torch import Tensor, nn
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
+_ROUNDING = 1e-3  # of a value, as of masks that were resized
+
 
 @dataclass(frozen=True, eq=False)
 class PersonMasks:
@@ -35,7 +37,7 @@ class PersonMasks:
             )
         ends = self.inside.detach()
         low, high = (float(x) for x in ends.aminmax()) if ends.numel() else (0.0, 1.0)
-        if not 0 <= low <= high <= 1:
+        if not -_ROUNDING <= low <= high <= 1 + _ROUNDING:
             raise InputError(
                 f"masks have values from {low:g} to {high:g}; expected bool, or 0 to 1: divide "
                 "bytes by 255"
