@@ -18,6 +18,7 @@ from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
 from perfcap.metrics.missing import (
     check_mask,
     check_metres,
+    check_pixels,
     check_places,
     check_same_joints,
     counted_joints,
@@ -26,7 +27,7 @@ from perfcap.metrics.missing import (
     masked,
 )
 from perfcap.metrics.motion import acceleration_error, jerk
-from perfcap.metrics.shares import area_under_curve, correct_share
+from perfcap.metrics.shares import area_below, share_below
 
 MILLIMETRES = 1000.0  # in a metre
 _LANDMARKS = 16
@@ -134,8 +135,8 @@ def joint_errors(
         mpjpe_translation=means[Alignment.TRANSLATION],
         mpjpe_similarity=means[Alignment.SIMILARITY],
         mpjpe_first_frame=means[Alignment.FIRST_FRAME],
-        pck=correct_share(root, root.isfinite()),
-        auc=area_under_curve(root, root.isfinite()),
+        pck=share_below(root, root.isfinite()),
+        auc=area_below(root, root.isfinite()),
         acceleration_error=acceleration_error(*seen, partial=partial),
         jerk=jerk(seen[0], fps, partial=partial),
         jerk_truth=jerk(seen[1], fps, partial=partial),
@@ -256,7 +257,8 @@ def reprojection_error(pixels: Tensor, truth: Tensor, *, partial: bool = False) 
         Mean over all joints that count, each as much as any other; NaN where none does.
 
     Raises:
-        InputError: shapes that do not belong together.
+        InputError: shapes that do not belong together, joints in space, or shares of an image.
     """
     valid = counted_joints(pixels, truth, partial=partial)
+    check_pixels(pixels, truth, valid)
     return frame_mean((pixels - truth).norm(dim=-1), valid)

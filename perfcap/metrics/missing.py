@@ -15,6 +15,7 @@ from perfcap.errors import InputError
 
 _PERSON = 100.0  # m from end to end: of wild estimates, too; a person in centimetres has more
 _POINT = 0.1  # m: joints that never lie farther apart are one point, not a person
+_SHARES, _MANY = 2.0, 8  # px: no more of an image than shares of its size; joints that show it
 _TURNS, _SHARE = 4 * math.pi, 0.1
 
 
@@ -68,6 +69,30 @@ def check_heights(height: Tensor) -> None:
             f"height spans {span:.4g} from lowest to highest in a frame, expected metres; convert "
             "it"
         )
+
+
+def check_pixels(pixels: Tensor, truth: Tensor, valid: Tensor) -> None:
+    """Refuse what is no image of joints (*b, F, J, 2) in pixels, where some count (*b, F, J).
+
+    Raises:
+        InputError: another number of coordinates, or joints of several frames within two pixels of
+            one another, as shares of an image's size are.
+    """
+    if pixels.shape[-1] != 2:
+        raise InputError(
+            f"pixels have shape {tuple(pixels.shape)}, expected (*b, F, J, 2); project joints first"
+        )
+    seen = valid.unsqueeze(-1)
+    for name, points in (("pixels", pixels), ("truth", truth)):
+        known = points.detach().where(seen, torch.nan)
+        flat = known.flatten(0, -2)
+        flat = flat[flat.isfinite().all(-1)]
+        span = float((flat.amax(0) - flat.amin(0)).max()) if len(flat) else math.inf
+        if int(valid.sum()) >= _MANY and 0 < span <= _SHARES:
+            raise InputError(
+                f"{name} has joints within {span:.3g} of one another, expected pixels; multiply "
+                "shares of an image by its width and height"
+            )
 
 
 def check_places(truth: Tensor, valid: Tensor | None = None, name: str = "truth") -> None:

@@ -6,6 +6,8 @@ does not count; a share of nothing is NaN.
 
 from __future__ import annotations
 
+import warnings
+
 import torch
 from torch import Tensor
 
@@ -18,8 +20,9 @@ AUC_THRESHOLDS = tuple(range(0, 151, 5))  # mm
 TORSO_SHARE = 0.2  # of the torso's diagonal, Yang and Ramanan 2013
 HEAD_SHARE = 0.5  # of the head's length, Andriluka et al. 2014
 _LARGEST_SHARE = 2.0
+_NEAR = 0.01  # of the largest threshold: so near are metres, and hardly an estimate
 # Of what joints span, of a torso, a head or a box; and joints of a frame that show it
-_LARGEST_SIZE, _WHOLE = 2.0, 8
+_LARGEST_SIZE, _SMALLEST_SIZE, _WHOLE = 2.0, 0.01, 8
 _TORSO = (5, 8)  # left shoulder, right hip
 _HEAD = (0, 1)  # crown, neck
 
@@ -34,8 +37,16 @@ def correct_share(errors: Tensor, valid: Tensor, threshold: float = PCK_THRESHOL
 
     Raises:
         InputError: a threshold that is no number above zero.
+
+    Warns of errors that are all far below the threshold, as metres are.
     """
     require_size(threshold, "threshold")
+    _warn_of_metres(errors, valid, threshold)
+    return share_below(errors, valid, threshold)
+
+
+def share_below(errors: Tensor, valid: Tensor, threshold: float = PCK_THRESHOLD) -> Tensor:
+    """``correct_share`` of errors whose unit is known."""
     return 100 * frame_mean((errors < threshold).to(errors.dtype), valid)
 
 
@@ -46,11 +57,36 @@ def area_under_curve(
 
     Raises:
         InputError: no threshold, or one that is below zero.
+
+    Warns of errors that are all far below the thresholds, as metres are.
     """
     if not thresholds or not all(at >= 0 for at in thresholds):
         raise InputError(f"thresholds are {thresholds!r:.80}, expected one or more from 0 mm on")
+    _warn_of_metres(errors, valid, max(thresholds))
+    return area_below(errors, valid, thresholds)
+
+
+def area_below(
+    errors: Tensor, valid: Tensor, thresholds: tuple[float, ...] = AUC_THRESHOLDS
+) -> Tensor:
+    """``area_under_curve`` of errors whose unit is known."""
     within = [frame_mean((errors <= at).to(errors.dtype), valid) for at in thresholds]
     return 100 * torch.stack(within).mean(0)
+
+
+def _warn_of_metres(errors: Tensor, valid: Tensor, largest: float) -> None:
+    """Warn of errors that are all far below thresholds: metres beside millimetres are all near."""
+    counts = valid if valid.dim() == errors.dim() else valid.unsqueeze(-1).expand_as(errors)
+    known = (
+        errors.detach()[counts & errors.isfinite()] if counts.dtype == torch.bool else errors[:0]
+    )
+    worst = float(known.max()) if known.numel() else 0.0
+    if 0 < worst < _NEAR * largest:
+        warnings.warn(
+            f"errors are {worst:.3g} at most beside a threshold of {largest:.6g}: expected both in "
+            "millimetres; multiply metres by 1000",
+            stacklevel=3,
+        )
 
 
 def image_correct_share(
@@ -74,7 +110,7 @@ def image_correct_share(
 
     Raises:
         InputError: shapes that do not belong together, a share that is none, or sizes larger than
-            people.
+            people or far smaller.
     """
     if not 0 < share <= _LARGEST_SHARE:
         raise InputError(
@@ -92,14 +128,14 @@ def image_correct_share(
     known = size.isfinite() & (size > 0)
     _require_size_of(truth, valid, size.where(known, torch.nan))
     relative = (pixels - truth).norm(dim=-1) / torch.where(known, size, 1).unsqueeze(-1)
-    return correct_share(relative, valid & known.unsqueeze(-1), share)
+    return share_below(relative, valid & known.unsqueeze(-1), share)
 
 
 def _require_size_of(truth: Tensor, valid: Tensor, size: Tensor) -> None:
-    """Refuse sizes (*b, F) in other pixels than joints (*b, F, J, 2): all would be near enough.
+    """Refuse sizes (*b, F) in other units than joints (*b, F, J, 2): all or none are near enough.
 
     Raises:
-        InputError: torsos or heads are most often larger than what all joints span.
+        InputError: torsos or heads are most often larger than what all joints span, or far smaller.
     """
     seen = valid.unsqueeze(-1)
     high, low = (
@@ -113,6 +149,11 @@ def _require_size_of(truth: Tensor, valid: Tensor, size: Tensor) -> None:
         raise InputError(
             f"size is {float(times):.3g} times what the true joints span from end to end, so that "
             "any joint would be near enough; expected a torso or a head in pixels of the joints"
+        )
+    if float(times) < _SMALLEST_SIZE:
+        raise InputError(
+            f"size is {float(times):.3g} of what the true joints span from end to end, so that no "
+            "joint would be near enough; expected a torso or a head in pixels of the joints"
         )
 
 

@@ -13,6 +13,7 @@ from perfcap.metrics import (
     align,
     aligned_distances,
     angle_error,
+    area_under_curve,
     attach_markers,
     bone_angle_error,
     bone_length_variation,
@@ -29,6 +30,7 @@ from perfcap.metrics import (
     marker_error,
     mask_overlap,
     penetration,
+    reprojection_error,
     torso_size,
 )
 
@@ -185,6 +187,34 @@ def test_joints_in_space_are_no_pixels_and_a_trunk_has_three_ends() -> None:
         image_correct_share(FOUND, TRUTH, torch.ones(6, dtype=F64), 0.2)
     with pytest.raises(InputError, match="expected three joints: right hip, left hip, neck"):
         joint_errors(FOUND, TRUTH, 30, trunk=(8, 8, 1))
+
+
+def test_joints_in_space_or_shares_of_an_image_are_not_projected() -> None:
+    with pytest.raises(InputError, match="project joints first"):
+        reprojection_error(FOUND, TRUTH)
+    pixels = 640 * TRUTH[..., :2]
+    for found, truth in ((pixels / 640, pixels), (pixels / 640, pixels / 640)):
+        with pytest.raises(InputError, match=r"has joints within .* multiply shares of an image"):
+            reprojection_error(found, truth)
+    few = TRUTH[:1, :4, :2]
+    assert reprojection_error(few, few) == 0
+
+
+def test_sizes_of_people_in_metres() -> None:
+    pixels = 300 * TRUTH[..., :2]
+    assert image_correct_share(pixels, pixels + 1, torso_size(pixels), 0.2) == 100
+    with pytest.raises(InputError, match="no joint would be near enough"):
+        image_correct_share(pixels, pixels + 1, torso_size(pixels) / 300, 0.2)
+
+
+def test_errors_in_metres_are_all_near() -> None:
+    errors = (FOUND - TRUTH).norm(dim=-1)
+    for share in (correct_share, area_under_curve):
+        with pytest.warns(UserWarning, match="multiply metres by 1000"):
+            share(errors, ALL)
+        assert share(1000 * errors, ALL) > 0
+    assert correct_share(errors, ALL, 0.15) == 100
+    assert correct_share(0 * errors, ALL) == 100
 
 
 def test_so_few_joints_that_anything_fits() -> None:
