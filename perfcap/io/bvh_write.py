@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.bvh_read import BvhMotion, Floats, Integers, require_length
+from perfcap.io.written_checks import warn_of_places
+from perfcap.rates import rate_doubts
 
 _AXES = "XYZ"
 _ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")
@@ -100,7 +103,7 @@ def save_bvh(
             for each the one whose angles move the least between frames.
 
     Raises:
-        InputError: an order, a unit or rotations that are none.
+        InputError: an order, a unit or rotations that are none, or offsets in another unit.
     """
     require_length(metres_per_unit)
     turns = motion.rotations
@@ -110,6 +113,9 @@ def save_bvh(
             f"{path}: rotations are off by up to {off:.2g}, or mirror images; expected matrices of "
             "rotations, without a scale"
         )
+    warn_of_places(motion.offsets, motion.positions, motion.frame_time, level=2)
+    for line in rate_doubts(1 / motion.frame_time):
+        warnings.warn(line, stacklevel=2)
     auto = order == "auto"
     orders = _calmest_orders(motion.rotations) if auto else _checked(order, len(motion.names))
     scale = 1 / metres_per_unit

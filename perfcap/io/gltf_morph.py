@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.gltf_buffer import ARRAY_BUFFER, Buffer, Object, index_type
+from perfcap.io.written_checks import require_metres, warn_of_surface
 
 Floats = NDArray[np.float64]
 
@@ -51,14 +52,17 @@ def add_targets(
     """
     frames = _frames(surface, rest.shape)
     targets: list[Object] = []
+    apart = []
     for matrices, vertices in zip(transforms, frames, strict=False):
         offset = displacement(rest, blended(*skin, matrices), vertices)
+        apart.append(float(np.median(np.linalg.norm(offset, axis=-1))))
         targets.append({"POSITION": _add_target(buffer, offset)})
     if len(targets) != len(transforms) or next(frames, None) is not None:
         raise InputError(
             f"surface has {'more' if len(targets) == len(transforms) else len(targets)} frames, "
             f"expected those of the motion, {len(transforms)}"
         )
+    warn_of_surface(np.array(apart) / float(np.ptp(rest, axis=0).max()), level=3)
     return targets
 
 
@@ -103,6 +107,7 @@ def _frames(surface: Iterable[NDArray[Any]], shape: tuple[int, ...]) -> Iterator
             raise InputError(f"surface has frames of shape {block.shape[1:]}, expected {shape}")
         if not np.isfinite(block).all():
             raise InputError("surface has vertices that are not finite")
+        require_metres(block, "surface")
         yield from block
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from perfcap.io import gltf_morph
 from perfcap.io.atomic import writing
 from perfcap.io.gltf_buffer import ARRAY_BUFFER, ELEMENT_BUFFER, Buffer, Object, index_type
 from perfcap.io.gltf_scene import UPRIGHT
+from perfcap.io.written_checks import warn_of_transforms
+from perfcap.rates import rate_doubts
 
 Floats = NDArray[np.float64]
 _Track = tuple[int, str, Floats]  # node, what moves of it, and its values at the keys
@@ -62,6 +65,9 @@ def save_animation(
     if Path(path).suffix.lower() != ".glb":
         raise InputError(f"{path}: the actor is written as binary glTF; end the name in .glb")
     transforms = _checked(template, bone_transforms, fps)
+    warn_of_transforms(template, transforms, level=2)
+    for line in rate_doubts(fps):
+        warnings.warn(line, stacklevel=2)
     fits = surface is None or gltf_morph.fits(len(transforms), len(template.vertices))
     buffer = Buffer()
     mesh = _mesh(buffer, template)

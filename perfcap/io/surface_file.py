@@ -7,6 +7,7 @@ of any length is written and read a few frames at a time.
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ from perfcap.errors import InputError
 from perfcap.io.archive import map_archive
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE
-from perfcap.rates import FASTEST, SLOWEST, frame_rate
+from perfcap.io.written_checks import frame_numbers, require_metres
+from perfcap.rates import FASTEST, SLOWEST, frame_rate, rate_doubts
 
 WHAT = "the surface.npz of a capture"
 LIMIT = 64 * 1024 * MEBIBYTE  # mapped, never loaded whole
@@ -86,18 +88,26 @@ def save_surface(
         capture: identity of the capture that the surface belongs to.
 
     Raises:
-        InputError: blocks that do not fit or are not finite, a rate that is none, or a place that
-            cannot be written.
+        InputError: blocks that do not fit, are not finite or not in metres, frames that do not
+            rise, a rate that is none, or a place that cannot be written.
     """
     rate = frame_rate(rate)
+    for line in rate_doubts(rate):
+        warnings.warn(line, stacklevel=2)
     small: dict[str, NDArray[Any]] = {
         "faces": np.asarray(faces, dtype=np.int32),
-        "frames": np.asarray(frames, dtype=np.int64),
+        "frames": frame_numbers(frames),
         "fps": np.array(float(rate)),
     }
     if capture is not None:
         small["capture"] = np.array(capture)
-    save_vertices(path, blocks, len(frames), small)
+    save_vertices(path, _metres(blocks), len(frames), small)
+
+
+def _metres(blocks: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    for block in blocks:
+        require_metres(np.asarray(block), "surface")
+        yield block
 
 
 def save_vertices(

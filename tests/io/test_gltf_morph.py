@@ -36,7 +36,7 @@ def rippled(template: Template, transforms: np.ndarray) -> np.ndarray:
     """The skinned surface with waves of its own, (F, V, 3)."""
     surface = skinned(template, transforms)
     phase = 9 * template.vertices + np.arange(len(surface))[:, None, None]
-    return surface + 0.05 * np.sin(phase)
+    return surface + 0.02 * np.sin(phase)
 
 
 def targets(document: Document) -> np.ndarray:
