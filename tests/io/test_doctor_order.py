@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
 import perfcap
+from perfcap.detect.frame_order import Steps, Way, sorted_as_text
 from perfcap.io import models_folder
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.pipeline.input_doubts import input_doubts
 
 DEMO = models_folder() / "demo"
+DUO = Path(__file__).parents[3] / "shared" / "data" / "rendered_multi" / "dev_duo"
+needs_data = pytest.mark.skipif(not DUO.is_dir(), reason="needs the rendered views")
 SEEN = perfcap.read_detections([DEMO / "detections.npz"])[0]
 
 
@@ -29,6 +33,39 @@ def test_text_order_is_named_and_no_other(count: int, first: int) -> None:
     assert not examine_order("view", pixels.flip(0), sure.flip(0))
     order = in_text_order(count, first)
     (found,) = examine_order("view", pixels[order], sure[order])
+    assert "sorted as text (1, 10, 2)" in found.what
+
+
+@needs_data
+@pytest.mark.parametrize(("person", "first", "count"), [(1, 0, 20), (1, 0, 24), (2, 0, 24)])
+def test_whoever_is_seen_in_half_of_the_frames_is_in_order(
+    person: int, first: int, count: int
+) -> None:
+    """Sorted otherwise few of these frames follow one another, and those may be near by chance."""
+    names = perfcap.read_cameras(DUO / "cameras.json").names
+    path = DUO / f"person{person}" / "detections.npz"
+    part = perfcap.read_detections([path], views=names)[0].frames(slice(first, first + count))
+    sure = part.confidence2d[:, 0].clone()
+    assert not examine_order("view", part.joints2d[:, 0], sure)
+    sure[count // 2 :] = 0
+    assert not examine_order("view", part.joints2d[:, 0], sure)
+
+
+def test_an_order_that_knows_fewer_steps_is_none() -> None:
+    def steps(known: int) -> Way:
+        return lambda order: (
+            Steps(1.0, 11) if bool((order.diff() == 1).all()) else Steps(0.5, known)
+        )
+
+    assert sorted_as_text(steps(11), 24) == 0.5
+    assert sorted_as_text(steps(6), 24) is None
+
+
+def test_text_order_of_whoever_is_away_for_a_while() -> None:
+    part = SEEN.frames(slice(60))
+    order, sure = in_text_order(60, 1), part.confidence2d[:, 0].clone()
+    sure[20:35] = 0
+    (found,) = examine_order("view", part.joints2d[order, 0], sure[order])
     assert "sorted as text (1, 10, 2)" in found.what
 
 

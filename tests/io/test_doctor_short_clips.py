@@ -1,5 +1,6 @@
 """Two views of a short clip: calibration errors are no lag, and lags are named where they show."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from perfcap.detect.detections import Detections
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Finding, Severity, examine_agreement
-from perfcap.io.doctor.hypotheses import hypotheses
+from perfcap.io.doctor.hypotheses import _error, hypotheses
 
 BASE = Path(__file__).parents[3] / "shared" / "data" / "pose2sim_balancing"
 needs_data = pytest.mark.skipif(not BASE.is_dir(), reason="needs the recordings")
@@ -39,6 +40,38 @@ def test_calibration_errors_are_no_lag(
     balancing: tuple[CameraRig, Detections], first: int, length: int
 ) -> None:
     assert examined(balancing, [0, 1], first, length) == []
+
+
+def away(seen: Detections, around: int) -> Detections:
+    """The same with so many frames before and after in which nobody is seen."""
+    count = seen.frame_count
+    index = torch.cat((torch.zeros(around), torch.arange(count), torch.full((around,), count - 1)))
+    longer = seen.frames(index.long())
+    confidence = longer.confidence2d.clone()
+    confidence[:around] = confidence[around + count :] = 0
+    return replace(longer, confidence2d=confidence)
+
+
+@needs_data
+@pytest.mark.parametrize(("first", "length"), [(20, 16), (12, 24), (48, 12), (42, 16), (21, 10)])
+def test_few_frames_of_a_longer_clip(
+    balancing: tuple[CameraRig, Detections], first: int, length: int
+) -> None:
+    """Who is seen in a part of it is seen in as many frames as in a short clip."""
+    real, seen = balancing
+    part = seen.select([0, 1]).frames(slice(first, first + length))
+    assert examine_agreement(real.select([0, 1]), away(part, 16)) == []
+
+
+def test_a_late_view_needs_frames_in_which_the_person_is_seen() -> None:
+    pixels = torch.rand(40, 16, 2, generator=torch.Generator().manual_seed(0))
+    known = torch.zeros(40, 16, dtype=torch.bool)
+    known[4:13] = True
+    assert _error(pixels, known, pixels, known, 0) == float("inf")  # of nine frames
+    known[4:14] = True
+    assert _error(pixels, known, pixels, known, 0) == 0
+    assert _error(pixels, known, pixels, known, 1) == float("inf")
+    assert _error(pixels, known, pixels, known, 40) == float("inf")
 
 
 @needs_data

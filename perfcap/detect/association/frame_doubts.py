@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
-from perfcap.detect.frame_order import SURE, Way, in_no_order, person_height, sorted_as_text
+from perfcap.detect.frame_order import SURE, Steps, Way, in_no_order, person_height, sorted_as_text
 
 # Frames. Who is missed goes to somebody else in any order: where a third of frames and views has
 # mistakes, right frames go up to 0.84 as far as those in no order in 12 frames, 0.67 in 20
@@ -42,14 +42,14 @@ def frame_doubts(candidates: Detections) -> Iterator[str]:
 
 
 def _way(candidates: Detections) -> Way:
-    """Mean over everybody of the median step of joints to who is nearest in the next frame, px.
+    """Of everybody the median step of joints to who is nearest in the next frame, px.
 
     Slots mean nothing: who is who from one frame to the next is not known.
     """
     joints = candidates.joints2d
     sure = (candidates.confidence2d > SURE) & joints.isfinite().all(-1)
 
-    def way(order: Tensor) -> float:
+    def way(order: Tensor) -> Steps:
         here, there = (joints[:, part] for part in (order[:-1], order[1:]))  # P F-1 C 16 2
         seen, then = (sure[:, part] for part in (order[:-1], order[1:]))
         nearest = []
@@ -62,6 +62,6 @@ def _way(candidates: Detections) -> Way:
             nearest.append(every.nan_to_num(torch.inf).amin(0))
         every = torch.stack(nearest)
         every = every[every.isfinite()]
-        return float(every.mean()) if len(every) >= _PAIRS else float("nan")
+        return Steps(float(every.mean()) if len(every) >= _PAIRS else float("nan"), len(every))
 
     return way

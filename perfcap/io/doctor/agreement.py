@@ -133,7 +133,7 @@ def _explain(
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
-    short = scene.detections.frame_count < SHORT
+    short = scene.seen().detections.frame_count < SHORT
     timed = not short or now > CALIBRATED * height
     best, left = best_mistake(scene, names, BAD * height, timed=timed)
     late = late_view(scene, names) if successive else None
@@ -178,7 +178,7 @@ def best_mistake(
 
     Late views are among them where ``timed``.
     """
-    views, frames = range(len(names)), scene.detections.frame_count
+    views, frames = range(len(names)), scene.seen().detections.frame_count
     every = hypotheses(names, views, frames)
     candidates = [each for each in every if timed or not each.delay]
     # in an image of a fourth of the size all errors are a fourth, too
@@ -198,6 +198,7 @@ def _of_fewer(scene: Scene, delay: int, rest: float) -> bool:
 
     These few may be the worst ones, so that the same frames are compared as they are now.
     """
+    scene = scene.seen()
     count = scene.detections.frame_count
     if not delay or count >= SHORT:
         return False

@@ -45,6 +45,14 @@ class Scene:
         """Some frames, in the order given."""
         return Scene(self.cameras.frames(index), self.detections.frames(index))
 
+    def seen(self) -> Scene:
+        """The frames from the first to the last in which two views see a joint."""
+        common = ((self.detections.confidence2d > 0).sum(1) > 1).any(-1).nonzero().flatten()
+        count = self.detections.frame_count
+        if not len(common) or len(common) == count:
+            return self
+        return self.frames(torch.arange(int(common[0]), int(common[-1]) + 1).to(common))
+
     def sure(self) -> Scene:
         """Joints seen with confidence alone, and no 3D poses."""
         seen = self.detections

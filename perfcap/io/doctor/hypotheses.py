@@ -333,10 +333,10 @@ def _best_fit(scene: Scene, view: int) -> _Fit:
 
 def _error(expected: Tensor, known: Tensor, found: Tensor, seen: Tensor, shift: int) -> float:
     """Median distance (pixels) of joints ``shift`` frames later from what is expected, (F, 16)."""
-    count = len(expected) - abs(shift)
-    if count < _FEWEST_FRAMES:
-        return float("inf")
+    count = max(0, len(expected) - abs(shift))
     here, there = max(0, -shift), max(0, shift)
     both = known[here : here + count] & seen[there : there + count]
+    if both.any(-1).sum() < _FEWEST_FRAMES:
+        return float("inf")
     apart = (expected[here : here + count] - found[there : there + count]).norm(dim=-1)[both]
     return float(apart.median()) if len(apart) >= _FEWEST_JOINTS else float("inf")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from perfcap.detect.frame_order import SURE, Way, in_no_order, person_height, sorted_as_text
+from perfcap.detect.frame_order import SURE, Steps, Way, in_no_order, person_height, sorted_as_text
 from perfcap.io.doctor.finding import Finding, Severity
 
 _PAIRS = 6  # frames after one another that both show the person
@@ -35,7 +35,8 @@ def examine_shuffled(name: str, joints: Tensor, confidence: Tensor) -> list[Find
         confidence: (F, 16).
     """
     height = person_height(joints, confidence)
-    share = in_no_order(_way(joints, confidence), len(joints), height)
+    seen = int((confidence > SURE).any(-1).sum())
+    share = in_no_order(_way(joints, confidence), len(joints), height, seen)
     if share is None:
         return []
     what = (
@@ -50,15 +51,15 @@ def examine_shuffled(name: str, joints: Tensor, confidence: Tensor) -> list[Find
 
 
 def _way(joints: Tensor, confidence: Tensor) -> Way:
-    """Mean over frames of the median step of a joint, in their unit; NaN of too few."""
+    """The median step of a joint from frame to frame, in their unit."""
 
-    def way(order: Tensor) -> float:
+    def way(order: Tensor) -> Steps:
         index = order.to(joints.device)
         sure = confidence[index] > SURE
         both = sure[1:] & sure[:-1]
         apart = joints[index].diff(dim=0).norm(dim=-1)
         steps = torch.where(both, apart, torch.nan).nanmedian(-1).values
         known = steps[steps.isfinite()]
-        return float(known.mean()) if len(known) >= _PAIRS else float("nan")
+        return Steps(float(known.mean()) if len(known) >= _PAIRS else float("nan"), len(known))
 
     return way
