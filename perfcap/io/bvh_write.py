@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.bvh_read import BvhMotion, Floats, Integers, require_length
-from perfcap.io.written_checks import warn_of_places
-from perfcap.rates import rate_doubts
+from perfcap.io.written_checks import require_metric, warn_of_places, warn_of_rate
 
 _AXES = "XYZ"
 _ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")
@@ -90,6 +88,8 @@ def save_bvh(
     motion: BvhMotion,
     metres_per_unit: float = 0.01,
     order: str | Sequence[str] = "auto",
+    *,
+    examined: bool = False,
 ) -> None:
     """Write a motion; the file appears complete or not at all.
 
@@ -101,6 +101,7 @@ def save_bvh(
         metres_per_unit: the unit of the file.
         order: of the axes that joints turn about, for all of them or for each, (J,); ``auto`` takes
             for each the one whose angles move the least between frames.
+        examined: whether the caller has looked at places and times; else odd ones are warned of.
 
     Raises:
         InputError: an order, a unit or rotations that are none, or offsets in another unit.
@@ -113,9 +114,10 @@ def save_bvh(
             f"{path}: rotations are off by up to {off:.2g}, or mirror images; expected matrices of "
             "rotations, without a scale"
         )
-    warn_of_places(motion.offsets, motion.positions, motion.frame_time, level=2)
-    for line in rate_doubts(1 / motion.frame_time):
-        warnings.warn(line, stacklevel=2)
+    require_metric(motion.offsets)
+    if not examined:
+        warn_of_rate(1 / motion.frame_time, level=2)
+        warn_of_places(motion.offsets, motion.positions, motion.frame_time, level=2)
     auto = order == "auto"
     orders = _calmest_orders(motion.rotations) if auto else _checked(order, len(motion.names))
     scale = 1 / metres_per_unit

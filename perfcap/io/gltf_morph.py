@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.gltf_buffer import ARRAY_BUFFER, Buffer, Object, index_type
-from perfcap.io.written_checks import require_metres, warn_of_surface
+from perfcap.io.written_checks import require_metres
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def fits(frames: int, vertices: int) -> bool:
 def add_targets(
     buffer: Buffer, rest: Floats, skin: tuple[NDArray[np.int64], Floats], transforms: Floats,
     surface: Iterable[NDArray[Any]],
-) -> list[Object]:  # fmt: skip
+) -> tuple[list[Object], Floats]:  # fmt: skip
     """Append one morph target a frame.
 
     Args:
@@ -45,7 +45,8 @@ def add_targets(
         surface: blocks of captured vertices, world, (f, V, 3) m; F in all.
 
     Returns:
-        The ``targets`` of a primitive.
+        The ``targets`` of a primitive, and how far half of the vertices move from the skin in each
+        frame, (F,), shares of the height at rest.
 
     Raises:
         InputError: another number of frames or vertices, or vertices that are not finite.
@@ -62,8 +63,7 @@ def add_targets(
             f"surface has {'more' if len(targets) == len(transforms) else len(targets)} frames, "
             f"expected those of the motion, {len(transforms)}"
         )
-    warn_of_surface(np.array(apart) / float(np.ptp(rest, axis=0).max()), level=3)
-    return targets
+    return targets, np.array(apart) / float(np.ptp(rest, axis=0).max())
 
 
 def blended(bones: NDArray[np.int64], weights: Floats, transforms: Floats) -> Floats:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,7 @@ from perfcap.io import gltf_morph
 from perfcap.io.atomic import writing
 from perfcap.io.gltf_buffer import ARRAY_BUFFER, ELEMENT_BUFFER, Buffer, Object, index_type
 from perfcap.io.gltf_scene import UPRIGHT
-from perfcap.io.written_checks import warn_of_transforms
-from perfcap.rates import rate_doubts
+from perfcap.io.written_checks import warn_of_rate, warn_of_surface, warn_of_transforms
 
 Floats = NDArray[np.float64]
 _Track = tuple[int, str, Floats]  # node, what moves of it, and its values at the keys
@@ -38,6 +36,8 @@ def save_animation(
     surface: Iterable[NDArray[Any]] | None = None,
     capture: str | None = None,
     upright: Floats | None = None,
+    *,
+    examined: bool = False,
 ) -> bool:
     """Write an actor in motion; the file appears complete or not at all.
 
@@ -54,6 +54,8 @@ def save_animation(
         upright: rotation (3, 3) from that world to one with y up, as glTF has it: of a node above
             the bones, so that programs show the motion upright. The rest pose stays as it is for
             ``load_template``, and the world for ``read_bone_transforms``.
+        examined: whether the caller has looked for transforms, rates and surfaces that do not
+            belong together; else they are warned of.
 
     Returns:
         Whether the file shows all that was given: False where the surface was left out.
@@ -65,16 +67,20 @@ def save_animation(
     if Path(path).suffix.lower() != ".glb":
         raise InputError(f"{path}: the actor is written as binary glTF; end the name in .glb")
     transforms = _checked(template, bone_transforms, fps)
-    warn_of_transforms(template, transforms, level=2)
-    for line in rate_doubts(fps):
-        warnings.warn(line, stacklevel=2)
+    if not examined:
+        warn_of_rate(fps, level=2)
+        warn_of_transforms(template, transforms, level=2)
     fits = surface is None or gltf_morph.fits(len(transforms), len(template.vertices))
     buffer = Buffer()
     mesh = _mesh(buffer, template)
     tracks = list(_tracks(template, transforms))
     if surface is not None and fits:
         skin = (template.weight_bones, exact_weights(template.weights))
-        targets = gltf_morph.add_targets(buffer, template.vertices, skin, transforms, surface)
+        targets, apart = gltf_morph.add_targets(
+            buffer, template.vertices, skin, transforms, surface
+        )
+        if not examined:
+            warn_of_surface(apart, level=2)
         mesh["primitives"][0]["targets"] = targets
         mesh["extras"] = {"targetNames": [f"frame_{i}" for i in range(len(targets))]}
         tracks.append((len(template.bone_names), "weights", gltf_morph.one_hot(len(targets))))

@@ -7,7 +7,6 @@ of any length is written and read a few frames at a time.
 
 from __future__ import annotations
 
-import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -21,8 +20,8 @@ from perfcap.errors import InputError
 from perfcap.io.archive import map_archive
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE
-from perfcap.io.written_checks import frame_numbers, require_metres
-from perfcap.rates import FASTEST, SLOWEST, frame_rate, rate_doubts
+from perfcap.io.written_checks import frame_numbers, require_metres, warn_of_rate
+from perfcap.rates import FASTEST, SLOWEST, frame_rate
 
 WHAT = "the surface.npz of a capture"
 LIMIT = 64 * 1024 * MEBIBYTE  # mapped, never loaded whole
@@ -76,6 +75,8 @@ def save_surface(
     frames: NDArray[Any],
     rate: float,
     capture: str | None = None,
+    *,
+    examined: bool = False,
 ) -> None:
     """Write a surface in constant memory; the file appears complete or not at all.
 
@@ -86,14 +87,15 @@ def save_surface(
         frames: numbers of the frames in the video, (F,).
         rate: frames a second.
         capture: identity of the capture that the surface belongs to.
+        examined: whether the caller has looked at the rate; else one of no recording is warned of.
 
     Raises:
         InputError: blocks that do not fit, are not finite or not in metres, frames that do not
             rise, a rate that is none, or a place that cannot be written.
     """
     rate = frame_rate(rate)
-    for line in rate_doubts(rate):
-        warnings.warn(line, stacklevel=2)
+    if not examined:
+        warn_of_rate(rate, level=2)
     small: dict[str, NDArray[Any]] = {
         "faces": np.asarray(faces, dtype=np.int32),
         "frames": frame_numbers(frames),

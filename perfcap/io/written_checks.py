@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
+from perfcap.rates import rate_doubts
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +53,26 @@ def frame_numbers(frames: NDArray[Any]) -> NDArray[np.int64]:
     return whole
 
 
+def require_metric(offsets: Floats) -> None:
+    """Refuse offsets of joints (J, 3), the root's first, of which one is longer than any person.
+
+    Raises:
+        InputError: one is.
+    """
+    longest = float(np.linalg.norm(offsets[1:], axis=-1).max(initial=0.0))
+    if longest > _PERSON:
+        raise InputError(
+            f"offsets are up to {longest:.4g} long, expected metres; convert offsets and positions "
+            "(metres_per_unit is the unit of the file alone)"
+        )
+
+
+def warn_of_rate(rate: float, level: int) -> None:
+    """Warn of frames a second that look like the seconds of a frame, or of no recording."""
+    for line in rate_doubts(rate):
+        warnings.warn(line, stacklevel=level + 1)
+
+
 def warn_of_transforms(template: Template, transforms: Floats, level: int) -> None:
     """Warn of bone transforms (F, B, 4, 4) under which a template comes apart at its joints.
 
@@ -87,16 +108,8 @@ def warn_of_places(offsets: Floats, positions: Floats, frame_time: float, level:
         positions: in the parent, the root's in the world.
         frame_time: seconds between frames.
         level: of the caller who is warned.
-
-    Raises:
-        InputError: offsets in another unit than metres.
     """
     lengths = np.linalg.norm(offsets[1:], axis=-1)
-    if lengths.size and float(lengths.max()) > _PERSON:
-        raise InputError(
-            f"offsets are up to {lengths.max():.4g} long, expected metres; convert offsets and "
-            "positions (metres_per_unit is the unit of the file alone)"
-        )
     usual = float(np.median(lengths)) if lengths.size else 0.0
     reach = np.linalg.norm(positions[:, 1:], axis=-1)  # (F, J - 1)
     stretched = np.ptp(reach, axis=0) > _STRETCHED * usual

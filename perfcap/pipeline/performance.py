@@ -31,7 +31,8 @@ from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
 from perfcap.pipeline.refine_contours import ContourRefinement
 from perfcap.pipeline.result_files import write_result
-from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_doubts
+from perfcap.pipeline.saved_doubts import saved_doubts
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.surroundings import upright
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.trust import Trust
@@ -282,9 +283,8 @@ class Performance:
         """
         _require_number(first_frame)
         frame_rate(self.rate)
-        if self.surface is not None:
-            for line in surface_doubts(self.surface, self.actor, self.motion):
-                warnings.warn(line, stacklevel=2)
+        for line in saved_doubts(self):
+            warnings.warn(line, stacklevel=2)
         with made_folder(folder) as place:
             finish(place)
             with replacing(place) as scratch:

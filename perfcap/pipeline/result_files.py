@@ -63,20 +63,21 @@ def write_result(
     up = performance.upward if up is None else up
     turn = _array(turn_to_y(up.detach().cpu().double()))
     level = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ transforms
-    save_bvh(folder / "motion.bvh", bvh_motion(template, level, performance.rate))
+    save_bvh(folder / "motion.bvh", bvh_motion(template, level, performance.rate), examined=True)
     surface = performance.surface
     if surface is not None:
         numbers = np.arange(first_frame, first_frame + performance.frames)
         rate = performance.rate
         blocks = surface_blocks(surface)
-        save_surface(folder / SURFACE, blocks, template.faces, numbers, rate, known)
+        save_surface(folder / SURFACE, blocks, template.faces, numbers, rate, known, examined=True)
     if performance.contours is not None:
         joints = performance.actor.skeleton.rig.joints
         save_volume(folder / VOLUME, performance.contours.volume, joints)
     _write_masks(performance, folder / MASKS, first_frame, view_names, view_frames)
     moving = None if surface is None else surface_blocks(surface)
     path = folder / "capture.glb"
-    whole = save_animation(path, template, transforms, performance.rate, moving, known, turn)
+    rate = performance.rate
+    whole = save_animation(path, template, transforms, rate, moving, known, turn, examined=True)
     with writing(folder / "config.yaml") as file:
         file.write(settings)
     report = {**(run or {}), **performance.report(first_frame), "capture": known}

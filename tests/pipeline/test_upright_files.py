@@ -42,8 +42,9 @@ def performance(world: np.ndarray) -> Performance:
         rotation=torch.tensor(Rotation.from_matrix(world @ own).as_rotvec()),
         translation=take.truth.translation @ turn.mT,
     )
+    cameras = replace(take.cameras, rotation=take.cameras.rotation @ turn.mT)
     settings = CaptureConfig()
-    found = Performance(take.actor, take.cameras, take.detections, motion, take.rate, settings)
+    found = Performance(take.actor, cameras, take.detections, motion, take.rate, settings)
     surface = StoredSurface.empty(FRAMES, len(take.actor.vertices))
     surface.write(0, SkinnedSurface(take.actor, motion)[:])
     return replace(found, surface=surface)
@@ -107,6 +108,7 @@ def test_people_of_one_scene_have_one_up(tmp_path: Path) -> None:
     standing, lying = (performance(WORLDS[up]) for up in "yz")
     away = lying.motion.translation + torch.tensor([2.0, 0.0, 0.0])  # nobody is in anybody
     lying = replace(lying, motion=replace(lying.motion, translation=away), surface=None)
+    lying = replace(lying, cameras=standing.cameras)
     scene = Scene(standing.cameras, (given(standing), given(lying)), standing.rate)
     with torch.no_grad():
         found = capture(scene, until=Stage.INITIALIZE)
