@@ -19,7 +19,8 @@ _APART = 1e-3  # of the height: joints that hold together come nowhere near
 _SURFACE = 0.025  # of the height, in the median: more than clothes are loose by, skirts included
 _GLOBAL = 1.5  # times the usual length of bones: how far from parents no joint moves
 _STRETCHED = 0.25  # of it: what hardly any joint comes nearer to its parent by
-_FASTEST = 30.0  # m/s, of roots in the middle frame; no person is
+_FASTEST = 15.0  # m/s, of roots in the middle frame; no runner is
+_LONGEST = 5.0  # m, of bones
 
 
 def require_metres(block: NDArray[Any], name: str) -> None:
@@ -54,13 +55,13 @@ def frame_numbers(frames: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def require_metric(offsets: Floats) -> None:
-    """Refuse offsets of joints (J, 3), the root's first, of which one is longer than any person.
+    """Refuse offsets of joints (J, 3), the root's first, of which one is longer than any bone.
 
     Raises:
         InputError: one is.
     """
     longest = float(np.linalg.norm(offsets[1:], axis=-1).max(initial=0.0))
-    if longest > _PERSON:
+    if longest > _LONGEST:
         raise InputError(
             f"offsets are up to {longest:.4g} long, expected metres; convert offsets and positions "
             "(metres_per_unit is the unit of the file alone)"

@@ -18,9 +18,10 @@ from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.tether import Tether
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera_checks import require_usable
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
-from perfcap.pipeline.input_checks import require_kinds, require_trust, require_usable
+from perfcap.pipeline.input_checks import require_kinds, require_trust
 from perfcap.pipeline.input_doubts import warn_of_other_joints, warn_of_other_poses
 from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere, warn_of_trust_within

@@ -11,21 +11,18 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections, extents, not_found, unit_of
+from perfcap.detect.joint_checks import require_joints, require_shares
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.retarget import bone_vectors, filled, mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera_checks import require_usable
 from perfcap.geometry.plain import goes_forwards
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.input_checks import (
-    require_cameras,
-    require_joints,
-    require_shares,
-    require_usable,
-)
+from perfcap.pipeline.input_checks import require_cameras
 from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.padded_clips import cut_clips
 from perfcap.pipeline.placed_start import FIT_POINTS, placed_start

@@ -14,8 +14,10 @@ from torch import Tensor
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_checks import require_joints
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera_checks import require_usable
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
 from perfcap.io.doctor.held_masks import held_within
@@ -31,7 +33,6 @@ from perfcap.setting_checks import require_number
 if TYPE_CHECKING:
     from perfcap.rigging.fit_body import BodyFit
 
-_ROUNDING = 1e-3  # of a confidence
 _ALL_MASKS = "silhouettes "  # how sentences about masks of all views begin
 
 
@@ -66,6 +67,7 @@ def require_fit(
             f"moving cameras have {len(cameras.intrinsics)} frames but detections have {frames}; "
             "give as many poses as frames"
         )
+    require_usable("cameras", cameras, frames)
     like = model.surface.mean.dtype
     kinds = {x.dtype for x in (cameras.intrinsics, detections.joints2d, initial.angles)}
     if kinds != {like}:
@@ -77,10 +79,7 @@ def require_fit(
     sure = detections.confidence2d
     if not bool((sure > 0).any()):
         raise InputError("detections show nobody in any frame; expected one person's joints")
-    if bool(((sure < 0) | (sure > 1 + _ROUNDING)).any()):
-        raise InputError(
-            f"confidences are {float(sure.min()):.3g} to {float(sure.max()):.3g}, expected 0 to 1"
-        )
+    require_joints(detections)
 
 
 def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks | None) -> None:

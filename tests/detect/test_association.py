@@ -283,3 +283,22 @@ def test_moving_cameras_of_other_frames() -> None:
     moving = crowd.cameras.map(lambda part: part.expand(3, *part.shape))
     with pytest.raises(InputError, match="have 3 frames, candidates 4"):
         associate(moving, crowd.candidates)
+
+
+def test_cameras_that_are_none_and_joints_that_are_no_pixels() -> None:
+    """As ``capture`` has it: people were found all the same, metres from where they are."""
+    crowd = make_crowd(2, frames=4, views=2)
+    cameras, seen = crowd.cameras, crowd.candidates
+    down = cameras.intrinsics * torch.tensor([[1.0, 1, 1], [1, -1, 1], [1, 1, 1]])
+    for odd, words in (
+        (replace(cameras, rotation=-cameras.rotation), "rotation that is none"),
+        (replace(cameras, intrinsics=down), "focal lengths"),
+        (replace(cameras, intrinsics=2 * cameras.intrinsics), "last row"),
+        (replace(cameras, translation=1000 * cameras.translation), "divide millimetres by 1000"),
+    ):
+        with pytest.raises(InputError, match=words):
+            associate(odd, seen)
+    with pytest.raises(InputError, match="multiply normalised joints"):
+        associate(cameras, replace(seen, joints2d=seen.joints2d / 2000))
+    with pytest.raises(InputError, match="divide percents by 100"):
+        associate(cameras, replace(seen, confidence2d=100 * seen.confidence2d))

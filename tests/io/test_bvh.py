@@ -32,7 +32,7 @@ def motion(frames: int = 20) -> BvhMotion:
     """Five joints, named so that depth-first order differs from theirs."""
     offsets = np.array([[0, 0.9, 0], [0, 0.4, 0], [0.1, 0, 0], [0, 0.3, 0.1], [0, -0.4, 0]])
     positions = np.tile(offsets, (frames, 1, 1))
-    positions[:, 0] += 0.2 * np.random.default_rng(4).normal(size=(frames, 3))
+    positions[:, 0] += 0.1 * np.random.default_rng(4).normal(size=(frames, 3))
     return BvhMotion(
         names=("hips", "spine", "l_hip", "head", "l_knee"),
         parents=np.array([-1, 0, 0, 1, 2]),

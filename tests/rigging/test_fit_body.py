@@ -151,7 +151,7 @@ def test_offsets_move_landmarks_and_nothing_else(model: BodyModel) -> None:
 
 def test_frames_must_agree(model: BodyModel) -> None:
     cameras, truth = synthetic.cameras(1), person(model)
-    pixels = torch.zeros(2, 1, 16, 2, dtype=torch.float64)
+    pixels = torch.full((2, 1, 16, 2), 40.0, dtype=torch.float64)
     detections = Detections.from_joints(pixels, torch.ones(2, 1, 16).double())
     with pytest.raises(InputError, match="3 frames but detections have 2"):
         fit_body(model, cameras, detections, replace(truth, shared={}))
@@ -179,6 +179,12 @@ def test_wrong_arguments_are_named(model: BodyModel) -> None:
     moving = cameras.frames(slice(None)).map(lambda x: x.expand(5, *x.shape))
     with pytest.raises(InputError, match="moving cameras have 5 frames"):
         fit_body(model, moving, detections, start)
+    mirrored = replace(cameras, rotation=-cameras.rotation)
+    with pytest.raises(InputError, match="cameras have a rotation that is none"):
+        fit_body(model, mirrored, detections, start)
+    small = replace(detections, joints2d=detections.joints2d / 96)
+    with pytest.raises(InputError, match="multiply normalised joints"):
+        fit_body(model, cameras, small, start)
     with pytest.raises(InputError, match="masks are a Tensor"):
         fit_body(model, cameras, detections, start, inside)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"masks are \(48, 48\)"):

@@ -16,9 +16,11 @@ from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
 from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_checks import require_joints
 from perfcap.detect.view_words import view_words
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera_checks import require_usable
 from perfcap.rates import Timed, frame_rate, rate_doubts
 from perfcap.setting_checks import require_count
 
@@ -74,7 +76,7 @@ def associate(
 
     Raises:
         InputError: one view alone; fewer people than are wanted, a number or rate that is none, or
-            arguments of another kind.
+            arguments of another kind; cameras that are none, or joints that are no pixels.
     """
     rate = frame_rate(rate)
     if people is not None:
@@ -135,6 +137,8 @@ def _require_views(cameras: Camera, candidates: Detections) -> None:
             f"moving cameras have {len(cameras.intrinsics)} frames, candidates {shape[1]}; give as "
             "many poses as frames"
         )
+    require_usable("cameras", cameras, shape[1])
+    require_joints(candidates)
 
 
 def _choose(
