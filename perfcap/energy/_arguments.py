@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera_checks import require_lenses
 from perfcap.geometry.plain import is_readable
 
 
@@ -149,6 +151,34 @@ def require_metres(places: Tensor, confidence: Tensor) -> None:
             f"target has points that lie {float(spans.median()):.4g} apart in a frame, expected "
             "metres: divide millimetres by 1000"
         )
+
+
+def require_places(places: Tensor, confidence: Tensor) -> None:
+    """Refuse places (..., N, 3) of which two or more of a frame are at 0, 0, 0: unknown ones.
+
+    Raises:
+        InputError: some are, and count.
+    """
+    places, confidence = places.detach(), confidence.detach()
+    if not (is_readable(places) and is_readable(confidence)):
+        return
+    zero = (places == 0).all(-1) & (confidence > 0)
+    frames = int((zero.sum(-1) > 1).sum())
+    if frames:
+        raise InputError(
+            f"target has several points at 0, 0, 0 in {frames} frames, where nothing was known; "
+            "expected a confidence of 0 there"
+        )
+
+
+def require_cameras(cameras: Camera) -> None:
+    """Refuse cameras that are none; those elsewhere may hide their numbers.
+
+    Raises:
+        InputError: they are none.
+    """
+    if all(map(is_readable, (cameras.intrinsics, cameras.rotation, cameras.translation))):
+        require_lenses("cameras", cameras)
 
 
 def seen_by(points: object) -> Collection[str]:

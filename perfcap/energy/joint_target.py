@@ -11,6 +11,7 @@ from perfcap.energy._arguments import (
     known_places,
     require_confidence,
     require_metres,
+    require_places,
     require_unit,
     seen_by,
 )
@@ -38,7 +39,8 @@ class JointTarget(Energy[Motion]):
         unit: metres that count as one, a number or (N,).
 
     Raises:
-        InputError: shapes that do not fit each other or the points, or another unit than metres.
+        InputError: shapes that do not fit each other or the points, another unit than metres, or
+            several points of a frame at 0, 0, 0.
     """
 
     coupling = Coupling.FRAME
@@ -69,6 +71,7 @@ class JointTarget(Energy[Motion]):
         require_confidence(confidence)
         if not isinstance(points, PointDifferences):  # which may start at the world's origin
             require_metres(target, confidence)
+            require_places(target, confidence)
         target = known_places(target, confidence, "target")
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees

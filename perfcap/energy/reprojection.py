@@ -12,6 +12,7 @@ from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.energy._arguments import (
     known_places,
+    require_cameras,
     require_confidence,
     require_moved,
     require_unit,
@@ -41,6 +42,10 @@ class Reprojection(Energy[Motion]):
         kernel: acts on the squared residual, in ``unit``.
         unit: pixels that count as one, a number or (C,): with a unit in proportion to the size of
             the person in the image, weights and kernels hold for any resolution.
+
+    Raises:
+        InputError: a unit or confidences that are none, joints that are no numbers, or cameras that
+            are none.
     """
 
     coupling = Coupling.FRAME
@@ -59,6 +64,7 @@ class Reprojection(Energy[Motion]):
         require_unit(unit)
         sure = detections.confidence2d
         require_confidence(sure, "confidence2d")
+        require_cameras(cameras)
         places = known_places(detections.joints2d, sure, "joints2d")
         detections = replace(detections, joints2d=places)
         self.points, self.sees = points, seen_by(points)

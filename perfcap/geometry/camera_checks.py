@@ -23,6 +23,21 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
             more or fewer poses, or image sizes that are not one pair a view.
     """
     _require_sizes(what, cameras)
+    require_lenses(what, cameras)
+    if cameras.moving and len(cameras.intrinsics) != frames:
+        raise InputError(
+            f"moving {what} have {len(cameras.intrinsics)} frames but the clip has {frames}; give "
+            "as many poses as frames"
+        )
+
+
+def require_lenses(what: str, cameras: Camera) -> None:
+    """Refuse cameras (..., C) without a lens or a pose; ``what`` names them.
+
+    Raises:
+        InputError: a focal length is not above zero, the last row of intrinsics is not 0 0 1, a
+            number is not finite, a translation is beyond a kilometre, or a rotation is none.
+    """
     parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
     if not all(part.is_floating_point() for part in parts):
         kinds = ", ".join(str(part.dtype) for part in parts)
@@ -70,11 +85,6 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
         raise InputError(
             f"{what} have a rotation that is none (rows off a right angle or unit length by up to "
             f"{float(skewed):.2g}, or a mirror image); expected world to camera, OpenCV axes"
-        )
-    if cameras.moving and len(cameras.intrinsics) != frames:
-        raise InputError(
-            f"moving {what} have {len(cameras.intrinsics)} frames but the clip has {frames}; give "
-            "as many poses as frames"
         )
 
 

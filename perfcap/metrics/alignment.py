@@ -13,7 +13,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.alignment import similarity_align
-from perfcap.metrics.missing import check_mask
+from perfcap.metrics.missing import check_mask, check_metres, check_same_joints, masked
 
 HIPS = (8, 12)  # of the 16 landmarks; their middle is the root
 NECK = 1
@@ -50,9 +50,24 @@ def align(
         trunk: right hip, left hip and neck, for ``FIRST_FRAME``.
 
     Raises:
-        InputError: an alignment of no known name, or ``valid`` is no mask.
+        InputError: an alignment of no known name, ``valid`` is no mask, or joints of other frames
+            or in another unit.
     """
     check_mask(valid)
+    check_same_joints(estimate, truth)
+    check_metres(estimate=masked(estimate, valid), truth=masked(truth, valid))
+    return moved_onto(estimate, truth, valid, alignment, hips, trunk)
+
+
+def moved_onto(
+    estimate: Tensor,
+    truth: Tensor,
+    valid: Tensor,
+    alignment: Alignment | str,
+    hips: tuple[int, int] = HIPS,
+    trunk: tuple[int, int, int] = TRUNK,
+) -> Tensor:
+    """``align`` of joints that are known to belong together."""
     alignment = _known(alignment)
     if alignment is Alignment.ROOT:
         return estimate + (root_of(truth, hips) - root_of(estimate, hips)).unsqueeze(-2)

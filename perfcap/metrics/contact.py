@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.signed_gap import Mesh, signed_gap
-from perfcap.metrics.missing import check_heights, check_metres, frame_mean
+from perfcap.metrics.missing import PERSON, check_heights, check_metres, frame_mean
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_number
 
@@ -151,8 +154,41 @@ def skin_gap(one: Mesh, other: Mesh) -> float:
     """Smallest distance between two surfaces, m; negative by how deep one is in the other.
 
     Args:
-        one: vertices (V, 3) m and outward normals (V, 3).
+        one: vertices (V, 3) m and outward unit normals (V, 3).
         other: the same of somebody else.
+
+    Raises:
+        InputError: what is no normals, as the faces of a mesh, normals that point into a body, or
+            another unit than metres.
     """
+    for name, mesh in (("one", one), ("other", other)):
+        _require_skin(name, *mesh)
     ways = (one, other), (other, one)
     return min(float(signed_gap(a[0], b)[0].min()) for a, b in ways)
+
+
+def _require_skin(name: str, vertices: NDArray[Any], normals: NDArray[Any]) -> None:
+    """Refuse what is no skin of a person.
+
+    Raises:
+        InputError: it is none.
+    """
+    if normals.shape != vertices.shape or normals.dtype.kind != "f":
+        raise InputError(
+            f"{name} has vertices {vertices.shape} and normals {normals.shape} of {normals.dtype}; "
+            "expected a unit vector a vertex, as perfcap.render.vertex_normals makes them of faces"
+        )
+    span = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+    if span > PERSON:
+        raise InputError(f"{name} spans {span:.4g} from end to end, expected metres; convert it")
+    lengths = np.linalg.norm(normals, axis=-1)
+    if len(lengths) and abs(float(np.median(lengths)) - 1) > _UNIT:
+        raise InputError(
+            f"{name} has normals of length {np.median(lengths):.3g}, expected 1; divide by the norm"
+        )
+    # of a closed surface three times what is inside, times vertices over area
+    away = ((vertices - vertices.mean(0)) * normals).sum(-1)
+    if len(away) and float(away.mean()) < 0:
+        raise InputError(
+            f"{name} has normals that point into the body, expected outward ones; turn faces round"
+        )

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
+from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, moved_onto
 from perfcap.metrics.missing import (
     check_mask,
     check_metres,
@@ -196,9 +196,12 @@ def aligned_distances(
             ``FIRST_FRAME``: also those whose truth is missing. Those that count if not given.
 
     Raises:
-        InputError: ``valid`` or ``known`` is no mask, or an alignment of no known name.
+        InputError: ``valid`` or ``known`` is no mask, an alignment of no known name, or joints of
+            other frames or in another unit.
     """
     check_mask(valid)
+    check_same_joints(estimate, truth)
+    check_metres(estimate=masked(estimate, valid), truth=masked(truth, valid))
     # an alignment is not asked about joints that do not count: no NaN enters the arithmetic
     kept = [torch.where(valid.unsqueeze(-1), points, 0) for points in (estimate, truth)]
     if alignment in (Alignment.ROOT, Alignment.FIRST_FRAME):
@@ -207,7 +210,7 @@ def aligned_distances(
         check_mask(known)
         # of the axes nothing is asked of the truth: a hip that it lacks leaves them as they are
         kept[0] = masked(estimate, known)
-    apart = distances(align(kept[0], kept[1], valid, alignment, hips, trunk), kept[1])
+    apart = distances(moved_onto(kept[0], kept[1], valid, alignment, hips, trunk), kept[1])
     told = valid & (valid.sum(-1, keepdim=True) > _FITTED.get(alignment, 0))
     return torch.where(told, apart, torch.nan)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 
-_PERSON = 100.0  # m from end to end: of wild estimates, too; a person in centimetres has more
+PERSON = 100.0  # m from end to end: of wild estimates, too; a person in centimetres has more
 _POINT = 0.1  # m: joints that never lie farther apart are one point, not a person
 _SHARES, _MANY = 2.0, 8  # px: no more of an image than shares of its size; joints that show it
 _TURNS, _SHARE = 4 * math.pi, 0.1
@@ -48,7 +48,7 @@ def check_metres(**joints: Tensor) -> None:
         if points.shape[-1] != 3 or not len(frames):
             continue
         span = float((frames.amax(-2) - frames.amin(-2)).norm(dim=-1).median())
-        if span > _PERSON:
+        if span > PERSON:
             raise InputError(
                 f"{name} spans {span:.4g} from end to end in a frame, expected metres; convert them"
             )
@@ -64,7 +64,7 @@ def check_heights(height: Tensor) -> None:
     """
     frames = height.detach()[height.isfinite().all(-1)].double()
     span = float((frames.amax(-1) - frames.amin(-1)).median()) if len(frames) else 0.0
-    if span > _PERSON:
+    if span > PERSON:
         raise InputError(
             f"height spans {span:.4g} from lowest to highest in a frame, expected metres; convert "
             "it"

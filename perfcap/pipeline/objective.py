@@ -12,11 +12,13 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import usual_ranges
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_checks import require_joints
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_readable
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_count
@@ -94,7 +96,12 @@ def pose_objective(
         config: weights, units and kernels.
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
         trajectory: the temporal prior; frames are independent without.
+
+    Raises:
+        InputError: cameras that are none, or joints that are no pixels.
     """
+    if is_readable(detections.joints2d) and is_readable(detections.confidence2d):
+        require_joints(detections)
     r, p, joints = config.reprojection, config.position, actor.landmarks
     energies: dict[str, Energy[Motion]] = {
         "joints2d": Reprojection(

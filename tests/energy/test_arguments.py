@@ -188,7 +188,7 @@ def test_units_and_weights_of_other_things(sam):
     floor = FloorPenetration(sam.landmarks, up, 0.0, torch.ones(2, 16, dtype=F64))
     with pytest.raises(InputError, match=r"for a state of batch \(\) and 2 frames"):
         solve(Objective(floor=floor), still(sam))
-    heavy = JointTarget(sam.landmarks, seen.joints3d, weight=torch.ones(2, dtype=F64))
+    heavy = JointTarget(sam.landmarks, seen.joints3d + 1, weight=torch.ones(2, dtype=F64))
     with pytest.raises(InputError, match="weights of points and frames are confidences"):
         solve(Objective(heavy=heavy), still(sam))
     late = still(sam, clock=torch.zeros(3, dtype=F64))
@@ -198,6 +198,22 @@ def test_units_and_weights_of_other_things(sam):
         UncertainViews(sam.landmarks, camera, seen.select([0, 0]))
     with pytest.raises(InputError, match="mean holds NaN"):
         PosePrior(torch.full((3,), NAN, dtype=F64))
+
+
+def test_unknown_places_and_cameras_that_are_none(sam):
+    """Each pulled the person metres away, without a word."""
+    camera, seen = views()
+    target = torch.rand(2, 2, 16, 3, dtype=F64, generator=torch.Generator().manual_seed(0))
+    target[1, 0, 3:5] = 0
+    with pytest.raises(InputError, match="several points at 0, 0, 0 in 1 frames"):
+        JointTarget(sam.landmarks, target)
+    JointTarget(sam.landmarks, target, (target != 0).any(-1).to(F64))
+    JointTarget(sam.landmarks, torch.cat((0 * target[:, :, :1], target[:, :, 1:]), 2)[:1])
+    mirrored = replace(camera, rotation=-camera.rotation)
+    doubled = replace(camera, intrinsics=2 * camera.intrinsics)
+    for odd, words in ((mirrored, "rotation that is none"), (doubled, "last row")):
+        with pytest.raises(InputError, match=words):
+            Reprojection(sam.landmarks, odd, seen)
 
 
 class OddPoints:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from perfcap.errors import InputError
 from perfcap.metrics import (
@@ -31,6 +32,7 @@ from perfcap.metrics import (
     mask_overlap,
     penetration,
     reprojection_error,
+    skin_gap,
     torso_size,
 )
 
@@ -162,6 +164,38 @@ def test_other_units_of_length(unit: float) -> None:
         joint_errors(FOUND * unit, TRUTH, 30)
     with pytest.raises(InputError, match=r"^truth spans .* expected metres; convert them"):
         joint_errors(FOUND, TRUTH * unit, 30)
+
+
+def test_alignments_of_other_frames_or_units() -> None:
+    """One frame of truth was spread over all, as it was not by ``joint_errors``."""
+    for function in (align, aligned_distances):
+        with pytest.raises(InputError, match="give joints of the same frames"):
+            function(FOUND, TRUTH[:1], ALL, "root")
+        with pytest.raises(InputError, match=r"^truth spans .* expected metres; convert them"):
+            function(FOUND, TRUTH * 1000, ALL, "root")
+    away = TRUTH.clone()
+    away[0, 3] = 1e6  # does not count
+    seen = ALL.clone()
+    seen[0, 3] = False
+    assert aligned_distances(FOUND, away, seen, "absolute")[0, 3].isnan()
+
+
+def test_skins_that_are_none() -> None:
+    """Of faces for normals, and of normals that point into bodies, gaps were up to 12 cm deep."""
+    ball = trimesh.creation.icosphere(3, 0.3)
+    normals = np.asarray(ball.vertex_normals)
+    there = np.asarray(ball.vertices) + np.array([0.8, 0, 0])
+    right = np.asarray(ball.vertices), normals
+    assert skin_gap(right, (there, normals)) == pytest.approx(0.2, abs=0.01)
+    for wrong, words in (
+        ((there, np.asarray(ball.faces)), "expected a unit vector a vertex"),
+        ((there, np.asarray(ball.faces)[: len(there)]), "expected a unit vector a vertex"),
+        ((there, -normals), "other has normals that point into the body"),
+        ((there, 1000 * normals), "expected 1; divide by the norm"),
+        ((1000 * there, normals), "other spans 600 from end to end, expected metres"),
+    ):
+        with pytest.raises(InputError, match=words):
+            skin_gap(right, wrong)
 
 
 def test_degrees() -> None:
