@@ -44,7 +44,8 @@ def settled(
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
     rate = inputs.clip.fps
     try:
-        found = solve_views(actor, cameras, detections, rate, sync=sync, refine=refine)
+        given = actor, cameras, detections, rate
+        found = solve_views(*given, sync=sync, refine=refine, examined=True)
     except InputError as error:
         raise InputError(f"{option}: {error}") from error
     names, start = list(inputs.rig.names), inputs.clip.start

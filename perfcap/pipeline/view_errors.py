@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -135,6 +136,21 @@ class ViewErrors:
             pairs = zip(names, self.clock.tolist(), self.clock_deviation.tolist(), strict=True)
             shown = [f"{name} {value:+.2f} ± {sure:.2f}" for name, value, sure in pairs]
             yield f"clocks: views are later than {names[0]} by {', '.join(shown[1:])} frames"
+        yield from self._lost_clocks(names)
+        if self.cameras is not None:
+            turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
+            pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
+            shown = [f"{n} {57.2958 * w:.2f}°, {1000 * s:.0f} mm" for n, w, s in pairs]
+            yield f"cameras were moved by {'; '.join(shown)}"
+        yield from self._large_errors(names)
+
+    def doubts(self, names: list[str]) -> Iterator[str]:
+        """Those of the sentences that speak against what was found."""
+        yield from self._lost_clocks(names)
+        yield from self._large_errors(names)
+
+    def _lost_clocks(self, names: list[str]) -> Iterator[str]:
+        if self.clock is not None and self.clock_deviation is not None:
             lost = self.clock_deviation > _UNKNOWN
             if bool(lost.any()):
                 wrong = ", ".join(n for n, each in zip(names, lost.tolist(), strict=True) if each)
@@ -143,11 +159,10 @@ class ViewErrors:
                     f"in {names[0]} within {ViewErrorConfig().reach:g} s or a third of the clip; "
                     "give videos and detections of the same take, cut to within that"
                 )
+
+    def _large_errors(self, names: list[str]) -> Iterator[str]:
         if self.cameras is not None:
             turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
-            pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
-            shown = [f"{n} {57.2958 * w:.2f}°, {1000 * s:.0f} mm" for n, w, s in pairs]
-            yield f"cameras were moved by {'; '.join(shown)}"
             usual = ViewErrorConfig()
             far = (turn.norm(dim=-1) > _MUCH * usual.turn) | (
                 shift.norm(dim=-1) > _MUCH * usual.shift
@@ -173,6 +188,7 @@ def solve_views(
     refine: bool = False,
     config: PoseConfig | None = None,
     settings: ViewErrorConfig | None = None,
+    examined: bool = False,
 ) -> ViewErrors:
     """Find clocks and small errors of the places of cameras from a moving person.
 
@@ -188,6 +204,9 @@ def solve_views(
         refine: whether the places of cameras are.
         config: of the pose.
         settings: of the search.
+        examined: whether the caller looks at ``sentences``; else errors that are no small ones, as
+            of a wrong lens, and clocks that are not found are warned of: cameras that were moved
+            agree all the same.
 
     Raises:
         InputError: one view, cameras that move, or a clip too short to tell.
@@ -211,7 +230,10 @@ def solve_views(
     problem = _Problem(relaxed(frames), rate, settings)
     for _ in range(settings.rounds):
         found = problem.solved(found, sync, refine)
-    return _as_given(found)
+    found = _as_given(found)
+    for line in () if examined else found.doubts(found.numbers):
+        warnings.warn(f"solve_views: {line}", stacklevel=3)  # through no_grad
+    return found
 
 
 def _as_given(found: ViewErrors) -> ViewErrors:
