@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor, nn
 
-from perfcap.energy._arguments import require_confidence, require_unit
+from perfcap.energy._arguments import require_cameras, require_confidence, require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -69,6 +69,7 @@ class ContourAlignment(Energy[Any]):
                 f"{cameras.views} cameras; give one for each"
             )
         require_confidence(confidence)
+        require_cameras(cameras)
         super().__init__(weight / _usual_count(counts), kernel)
         require_unit(unit)
         self.points, self.sees = points, getattr(points, "sees", ())

@@ -34,7 +34,7 @@ from torch import Tensor
 from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.energy import _contour_torch
-from perfcap.energy._arguments import require_unit
+from perfcap.energy._arguments import require_cameras, require_unit
 from perfcap.energy._contour_fields import (
     Field,
     FlatField,
@@ -103,6 +103,7 @@ class DensityContour(Majorized[Any]):
     ) -> None:
         super().__init__(points, weight, offset)
         require_unit(unit)
+        require_cameras(cameras)
         if volume.count != points.count or any(len(row) != cameras.views for row in fields):
             raise InputError(
                 f"contours have {points.count} points of {volume.count} Gaussians, and fields of "

@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
 from perfcap.energy._arguments import (
     known_places,
+    require_cameras,
     require_frames,
     require_moved,
     require_unit,
@@ -85,6 +86,7 @@ class JointPosition(Energy[Motion]):
                 f"detections are of {detections.views} views, cameras of {cameras.views}; give one "
                 "camera a view, in the same order"
             )
+        require_cameras(cameras)
         self.points, self.sees = points, seen_by(points)
         trusted = detections.trusted3d.to(detections.joints3d)
         confidence = trusted[..., None].expand(detections.joints3d.shape[:-1])

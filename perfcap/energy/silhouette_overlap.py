@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from perfcap.energy._arguments import require_frames
+from perfcap.energy._arguments import require_cameras, require_frames
 from perfcap.energy._outline_rows import OutlineRows, square_root
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -309,6 +309,7 @@ def _check(
     silhouette: SoftSilhouette, cameras: Camera, masks: Tensor, trust: Tensor | None
 ) -> None:
     require_size(cameras, silhouette.size)
+    require_cameras(cameras)
     if masks.shape[-3:] != (cameras.views, *silhouette.size) or masks.ndim < 4:
         raise InputError(
             f"masks has shape {tuple(masks.shape)}; expected (*b, F, {cameras.views}, "

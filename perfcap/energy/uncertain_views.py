@@ -12,6 +12,7 @@ from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.energy._arguments import (
     known_places,
+    require_cameras,
     require_confidence,
     require_frames,
     require_unit,
@@ -79,6 +80,7 @@ class UncertainViews(Energy[Motion]):
         require_unit(unit)
         sure = detections.confidence2d
         require_confidence(sure, "confidence2d")
+        require_cameras(cameras)
         places = known_places(detections.joints2d, sure, "joints2d")
         detections = replace(detections, joints2d=places)
         self.points, self.sees = points, (*seen_by(points), *_BLOCKS)

@@ -214,6 +214,10 @@ def test_unknown_places_and_cameras_that_are_none(sam):
     for odd, words in ((mirrored, "rotation that is none"), (doubled, "last row")):
         with pytest.raises(InputError, match=words):
             Reprojection(sam.landmarks, odd, seen)
+        with pytest.raises(InputError, match=words):
+            JointPosition(sam.landmarks, odd, seen)
+        with pytest.raises(InputError, match=words):
+            UncertainViews(sam.landmarks, odd, seen)
 
 
 class OddPoints:
