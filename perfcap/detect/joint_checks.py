@@ -18,6 +18,15 @@ def require_joints(detections: Detections) -> None:
         InputError: all joints lie within two pixels, or a confidence is below 0 or above 1.
     """
     require_shares(detections.confidence2d)
+    require_pixels(detections)
+
+
+def require_pixels(detections: Detections) -> None:
+    """Refuse 2D joints that are no pixels, whatever weights their confidences are.
+
+    Raises:
+        InputError: all joints that count lie within two pixels.
+    """
     seen = detections.joints2d[detections.confidence2d > 0]
     if len(seen) and bool((seen.abs() <= _NORMALISED).all()):
         raise InputError(

@@ -12,7 +12,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import usual_ranges
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_checks import require_joints
+from perfcap.detect.joint_checks import require_pixels
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
@@ -101,7 +101,7 @@ def pose_objective(
         InputError: cameras that are none, or joints that are no pixels.
     """
     if is_readable(detections.joints2d) and is_readable(detections.confidence2d):
-        require_joints(detections)
+        require_pixels(detections)
     r, p, joints = config.reprojection, config.position, actor.landmarks
     energies: dict[str, Energy[Motion]] = {
         "joints2d": Reprojection(
