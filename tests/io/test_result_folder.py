@@ -41,9 +41,12 @@ def moved(performance: Performance) -> Performance:
     """Another capture."""
     from dataclasses import replace
 
-    motion = performance.motion
+    motion, cameras = performance.motion, performance.cameras
+    ahead = cameras.translation - cameras.rotation.sum(-1)  # of all by a metre along each axis
     return replace(
-        performance, motion=Motion(motion.translation + 1, motion.rotation, motion.angles)
+        performance,
+        motion=Motion(motion.translation + 1, motion.rotation, motion.angles),
+        cameras=replace(cameras, translation=ahead),
     )
 
 
