@@ -116,7 +116,8 @@ class _Seen:
 
     def checked(self, labels: Labels | Mask, view: int) -> Labels | Mask:
         """The same, refused where it has another size than the view's first, or is a mask of
-        bytes."""
+        bytes.
+        """
         size = self.sizes.setdefault(view, labels.shape)
         if labels.shape != size:
             raise InputError(
