@@ -2,10 +2,12 @@
 
 import warnings
 
+import numpy as np
 import pytest
 import torch
 
 from perfcap.detect import Crop, HeatmapHead, soft_argmax
+from perfcap.detect.onnx import _pictures
 from perfcap.detect.person import Start
 from perfcap.errors import InputError
 
@@ -38,3 +40,11 @@ def test_maps_that_a_softmax_went_through_are_named() -> None:
         soft_argmax(torch.zeros(2, 16, 16))
         HeatmapHead(4)(torch.zeros(1, 1, 4, 16, 16), torch.eye(2, 3)[None, None])
     torch.testing.assert_close(right, again)
+
+
+def test_frames_of_a_view_are_bytes() -> None:
+    frame = np.full((8, 6, 3), 128, np.uint8)
+    assert len(list(_pictures([frame, frame]))) == 2
+    for wrong in (frame / 255, frame[..., 0], frame.transpose(2, 0, 1)):
+        with pytest.raises(InputError, match="frame 1 is"):
+            list(_pictures([frame, wrong]))
