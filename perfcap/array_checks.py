@@ -50,3 +50,45 @@ def require_indices(indices: Any, name: str, count: int, what: str, least: int =
             f"{name} names {what} {low} to {high} but there are {count}; expected {least} to "
             f"{count - 1}"
         )
+
+
+def require_picture(image: Any, name: str, size: Sequence[int] | None = None) -> None:
+    """Refuse what is no RGB image in bytes: of shares from 0 to 1, all were one dark colour.
+
+    Args:
+        image: NumPy array that should be (H, W, 3) uint8.
+        name: what the message calls it.
+        size: its (H, W); None where any will do.
+
+    Raises:
+        InputError: it is of another kind or size.
+    """
+    shape, dtype = tuple(getattr(image, "shape", ())), getattr(image, "dtype", None)
+    if len(shape) != 3 or shape[2] != 3 or 0 in shape or str(dtype) != "uint8":
+        given = type(image).__name__ if dtype is None else f"{dtype} {shape}"
+        raise InputError(
+            f"{name} is {given}, expected uint8 (H, W, 3) RGB from 0 to 255, as NumPy array: "
+            "multiply shares of 0 to 1 by 255"
+        )
+    if size is not None and shape[:2] != tuple(size):
+        raise InputError(f"{name} has {shape[:2]} rows and columns, expected {tuple(size)}")
+
+
+def require_mask(mask: Any, name: str, size: Sequence[int]) -> None:
+    """Refuse what is no mask of bool, one for each pixel of an image.
+
+    Args:
+        mask: NumPy array that should be bool, (H, W).
+        name: what the message calls it.
+        size: (H, W) of the image.
+
+    Raises:
+        InputError: it is of another type or size.
+    """
+    shape, dtype = tuple(getattr(mask, "shape", ())), getattr(mask, "dtype", None)
+    if shape != tuple(size) or str(dtype) != "bool":
+        given = type(mask).__name__ if dtype is None else f"{dtype} {shape}"
+        raise InputError(
+            f"{name} is {given}, expected bool {tuple(size)}, as the image is: compare bytes, as "
+            "mask > 127, and soft masks, as mask > 0.5"
+        )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.errors import InputError
 from perfcap.setting_checks import require_number, require_size
 
 Frame = NDArray[np.uint8]
@@ -39,6 +40,11 @@ class Crop:
     def __post_init__(self) -> None:
         require_size(self.width, "width of a crop", finite=True)
         require_number(self.angle, "angle of a crop")
+        if abs(self.angle) > math.tau:
+            raise InputError(
+                f"angle of a crop is {self.angle:.4g}, expected radians, a turn at most: "
+                "math.radians converts degrees"
+            )
 
     @classmethod
     def around(

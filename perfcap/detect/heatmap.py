@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -11,9 +12,11 @@ from torch import Tensor, nn
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16, JointSet, find_joint_set, map_to_landmarks
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_readable
 from perfcap.setting_checks import require_count, require_size
 
 _TINY = 1e-10
+_PIXELS = 64  # of a map; fewer may lie from 0 to 1 by chance
 
 
 def argmax2d(maps: Tensor) -> tuple[Tensor, Tensor]:
@@ -71,8 +74,21 @@ def soft_argmax(logits: Tensor) -> tuple[Tensor, Tensor]:
 
     Returns:
         Points (..., 2) in map pixels, x and y, and the standard deviation, (...), map pixels:
-        the root of the trace of the covariance.
+        the root of the trace of the covariance. Warns of maps that a softmax or a sigmoid has been
+        through: another softmax leaves the middle of the map, whatever they show.
     """
+    if is_readable(logits) and _are_shares(logits):
+        warnings.warn(
+            "soft_argmax: all values lie from 0 to 1, as of a softmax or a sigmoid, of which the "
+            "softmax leaves hardly more than the middle; give what the network says before it, or "
+            "the logarithm of a softmax",
+            stacklevel=2,
+        )
+    return _expected(logits)
+
+
+def _expected(logits: Tensor) -> tuple[Tensor, Tensor]:
+    """``soft_argmax``, without a look at the numbers."""
     height, width = logits.shape[-2:]
     share = logits.flatten(-2).softmax(-1).reshape(logits.shape)
     x = torch.arange(width, dtype=logits.dtype, device=logits.device)
@@ -83,6 +99,14 @@ def soft_argmax(logits: Tensor) -> tuple[Tensor, Tensor]:
     spread = (columns * (x - mean_x[..., None]).square()).sum(-1)
     spread = spread + (rows * (y - mean_y[..., None]).square()).sum(-1)
     return torch.stack((mean_x, mean_y), -1), (spread + _TINY).sqrt()
+
+
+def _are_shares(logits: Tensor) -> bool:
+    """Whether maps (..., h, w) are of many pixels that all lie from 0 to 1, and differ."""
+    if logits[..., 0, 0].numel() * _PIXELS > logits.numel():
+        return False
+    low, high = (float(end) for end in logits.detach().aminmax())
+    return low >= 0 and low < high <= 1
 
 
 DECODERS: dict[str, Callable[[Tensor], tuple[Tensor, Tensor]]] = {
@@ -185,7 +209,7 @@ class HeatmapHead(nn.Module):
         # pixels of an image are whole eights in bfloat16, whatever a network computes in
         kind = torch.promote_types(logits.dtype, torch.float32)
         with torch.autocast(logits.device.type, enabled=False):
-            points, spread = soft_argmax(logits.to(kind))
+            points, spread = _expected(logits.to(kind))
             to_image = to_image.to(kind)
             pixels = points @ to_image[..., :2].mT + to_image[..., None, :, 2]
         confidence = 1 / (1 + (spread / self.spread).square())

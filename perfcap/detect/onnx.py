@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.array_checks import require_picture
 from perfcap.detect.candidates import Candidates, join_candidates, merge_candidates
 from perfcap.detect.crop import Frame
 from perfcap.detect.decode import Estimate, decode
@@ -137,7 +138,12 @@ class OnnxDetector:
         camera: Camera | None = None,
         finder: Finder | None = None,
     ) -> Detections:
-        """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1)."""
+        """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1).
+
+        Raises:
+            InputError: a frame is no RGB image in bytes, or the box is none in pixels.
+        """
+        frames = _pictures(frames)
         return follow_person(self, frames, Start(box, finder=finder, watcher=finder), camera)
 
     def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
@@ -211,6 +217,13 @@ def stack_views(views: Sequence[Detections]) -> Detections:
         torch.cat([view.trusted3d for view in views], 1),
         torch.cat(said, 1) if len(said) == len(views) else None,
     )
+
+
+def _pictures(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Frames as they are, refused where they are no RGB images in bytes."""
+    for number, frame in enumerate(frames):
+        require_picture(frame, f"frame {number}")
+        yield frame
 
 
 def _reopen(model: str, execution: Execution | None, flip_test: bool | None) -> OnnxDetector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,7 @@ from perfcap.detect.whereabouts import AGE, ANYWHERE, NEARBY, UNSURE
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
+_THIN = 2.0  # px; thinner boxes show nobody
 _LOG = logging.getLogger(__name__)
 _OTHER = (
     "frame %d: the person was not seen for %d frames, and who is followed from here on is %.1f "
@@ -51,6 +53,21 @@ class Start:
     finder: Finder | None = None
     alone: bool = False
     watcher: Finder | None = None
+
+    def __post_init__(self) -> None:
+        if self.box is None:
+            return
+        if len(self.box) != 4 or not all(math.isfinite(edge) for edge in self.box):
+            raise InputError(
+                f"box is {self.box!r:.80}, expected (left, top, right, bottom), pixels"
+            )
+        left, top, right, bottom = self.box
+        if min(right - left, bottom - top) < _THIN:
+            raise InputError(
+                f"box is {self.box!r:.80}, which is {right - left:.3g} px wide and "
+                f"{bottom - top:.3g} px high; expected (left, top, right, bottom) in pixels of the "
+                "image: no shares of its size, nor left, top, width and height"
+            )
 
 
 def follow_person(

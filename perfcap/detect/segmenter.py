@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_picture, require_shape
 from perfcap.detect.crop import Crop, Frame
 from perfcap.detect.manifest import (
     InputSpec,
@@ -125,8 +126,15 @@ class OnnxSegmenter:
 
         Returns:
             Log odds, (h, w); of the least probability where the network looked at nothing.
+
+        Raises:
+            InputError: the image is no RGB one in bytes, the model is of another part, or the spine
+                no two points.
         """
         shape = part[0].stop - part[0].start, part[1].stop - part[1].start
+        require_picture(image, "image")
+        require_shape(model, "model", shape, "(h, w), of the part alone")
+        require_shape(spine, "spine", (2, 2), "neck and middle of the hips, px")
         crop = self._crop(model, spine, part)
         if crop is None:
             return np.zeros(shape, np.float32)

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_picture
+
 _EVEN = 24  # of 255: by which a bar differs, in all its pixels and images, as compression leaves it
 _EDGE = 0.02  # of the longer side: corners that are nearer see the bar's edge, which stands still
 _ALIKE = 0.01  # of the longer side, by which two bars differ in width
@@ -65,6 +67,8 @@ def picture_size(images: Sequence[NDArray[np.uint8]]) -> tuple[int, int]:
 
 def _spans(images: Sequence[NDArray[np.uint8]]) -> tuple[tuple[int, int], tuple[int, int]] | None:
     """First row behind bars and first of those after it, and columns; None of one colour."""
+    for number, image in enumerate(images):
+        require_picture(image, f"image {number}", images[0].shape[:2])
     low = np.minimum.reduce([image.min(-1) for image in images])
     high = np.maximum.reduce([image.max(-1) for image in images])
     found = []

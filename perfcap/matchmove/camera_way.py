@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from perfcap.matchmove._arguments import require_sightings
 from perfcap.matchmove.bundle import Adjusted, Bundle, Prior, Problem, cross_matrix, pixel_slope
 from perfcap.matchmove.corner_tracks import Sightings
 from perfcap.setting_checks import Settings
@@ -98,7 +99,11 @@ def find_way(
         rate: frames a second.
         settings: of the search.
         guessed: whether the focal length is one; else it stays.
+
+    Raises:
+        InputError: sightings of other frames, a lens that no such video has, or no such rate.
     """
+    require_sightings(sightings, frames, lens, rate)
     settings = settings or WaySettings()
     scale = sightings.scale
     focal, *middle = (lens[0] * scale, *(scale * (each + 0.5) - 0.5 for each in lens[1:]))

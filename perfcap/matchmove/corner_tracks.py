@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_mask, require_picture
 from perfcap.segment.plane_layers import LayerSettings, find_corners, follow
 from perfcap.segment.registration import shrink
 from perfcap.setting_checks import Settings
@@ -71,6 +72,7 @@ class CornerTracks:
     def __init__(self, settings: TrackSettings | None = None) -> None:
         self._settings = settings or TrackSettings()
         self._gray: Image | None = None
+        self._size: tuple[int, ...] | None = None
         self._scale = 1.0
         self._points = np.zeros((0, 2), np.float32)
         self._numbers = np.zeros(0, np.int64)
@@ -85,7 +87,14 @@ class CornerTracks:
         Args:
             image: (H, W, 3), of the size of those before.
             hidden: where people may be, (H, W).
+
+        Raises:
+            InputError: the image is no RGB one in bytes, or of another size than those before, or
+                hidden is no mask of it.
         """
+        require_picture(image, "image", self._size)
+        self._size = image.shape[:2]
+        require_mask(hidden, "hidden", self._size)
         self._scale = min(1.0, self._settings.side / max(image.shape[:2]))
         gray = shrink(image, self._scale)
         size = gray.shape[::-1]

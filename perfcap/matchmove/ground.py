@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
+from perfcap.matchmove._arguments import require_deviation, require_direction
 from perfcap.setting_checks import Settings
 
 Array = NDArray[np.float64]
@@ -69,7 +71,13 @@ def find_ground(
 
     Returns:
         None where too few points agree, or they lie on a line.
+
+    Raises:
+        InputError: no points, no unit vector, or a deviation that is none in radians.
     """
+    require_shape(points, "points", (None, 3), "(P, 3), places in space")
+    require_direction(start)
+    require_deviation(deviation)
     settings = settings or GroundSettings()
     if len(points) < settings.least:
         return None

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_mask, require_picture
+from perfcap.matchmove._arguments import require_direction, require_lens, require_rotation
 from perfcap.segment.registration import shrink
 from perfcap.setting_checks import Settings
 
@@ -62,6 +64,12 @@ class Sight:
     lens: tuple[float, float, float]
     rotation: Array
 
+    def __post_init__(self) -> None:
+        require_picture(self.image, "image")
+        require_mask(self.hidden, "hidden", self.image.shape[:2])
+        require_lens(self.lens, max(self.image.shape[:2]))
+        require_rotation(self.rotation)
+
 
 def find_vertical(
     views: Sequence[Sight], start: Array, settings: VerticalSettings | None = None
@@ -79,7 +87,11 @@ def find_vertical(
 
     Returns:
         A unit vector (3,); None where too few edges agree, or many directions are as good.
+
+    Raises:
+        InputError: the start is no unit vector.
     """
+    require_direction(start)
     settings = settings or VerticalSettings()
     found = [_planes(view, settings) for view in views]
     if not any(len(planes) for planes, _ in found):

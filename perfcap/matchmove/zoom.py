@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from perfcap.matchmove._arguments import require_sightings
 from perfcap.matchmove.bundle import cross_matrix, pixel_slope
 from perfcap.matchmove.corner_tracks import Sightings
 
@@ -36,7 +37,11 @@ def find_zoom(
         frames: of the clip.
         lens: focal length and principal point x, y, px of the video.
         rate: frames a second.
+
+    Raises:
+        InputError: sightings of other frames, a lens that no such video has, or no such rate.
     """
+    require_sightings(sightings, frames, lens, rate)
     step, scale = max(1, round(_GAP * rate)), sightings.scale
     middle = scale * (np.array(lens[1:]) + 0.5) - 0.5
     grown, told, clear = [0.0], 0, 0

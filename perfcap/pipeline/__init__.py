@@ -19,7 +19,6 @@ from perfcap.pipeline.joint_refinement import (
     JointConfig,
     JointRefinement,
     refine_jointly,
-    resized,
 )
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay, save_textured
@@ -27,6 +26,7 @@ from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.pose_refiner import PoseRefiner, RefinedPose
 from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
+from perfcap.pipeline.resized_cameras import resized
 from perfcap.pipeline.retargeting import Retargeted, retarget
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
+from perfcap.array_checks import require_shape
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.metrics.missing import check_metres
+from perfcap.pipeline.resized_cameras import exchanged_sides
 from perfcap.pipeline.surroundings import Surroundings
 from perfcap.rates import frame_rate
 from perfcap.render import look_at
@@ -19,6 +24,7 @@ SMALLEST, LARGEST = 16, 4096  # px, side of a picture
 _ANGLE = math.radians(30.0)  # of view, along the shorter side of the picture
 _ELEVATION = math.radians(10.0)  # of the orbiting camera above the middle of the body
 _MARGIN = 1.2  # times the reach of the landmarks: flesh, hair and cloth
+_RADIANS = 0.5, 1.0, 2.0, 4.0  # times pi; turns that are asked for in radians
 _CALM = 0.5  # s, deviation of the average that the camera follows
 
 
@@ -86,6 +92,14 @@ def orbit(
         )
     if not math.isfinite(degrees):
         raise InputError(f"--orbit {degrees}: expected degrees, such as 360")
+    if any(math.isclose(abs(degrees), turn * math.pi, rel_tol=1e-4) for turn in _RADIANS):
+        warnings.warn(
+            f"orbit goes around by {degrees:.4g} degrees; if these are radians, give "
+            f"{math.degrees(degrees):.4g}",
+            stacklevel=2,
+        )
+    require_shape(joints, "joints", (None, len(LANDMARKS), 3), "(F, 16, 3) m")
+    check_metres(joints=joints)
     shown = joints[list(frames)].double()
     up, ahead = around.up.double(), around.ahead.double()
     heights = (shown @ up).flatten()
@@ -127,6 +141,14 @@ def calibrated(
         InputError: a size that cannot be drawn, or a moving camera that ends too early.
     """
     _check_size(size or camera.size[0])
+    if size is not None:
+        for line in exchanged_sides(size, camera.size):
+            warnings.warn(line, stacklevel=2)
+    if len(numbers) != len(frames) or min(numbers, default=0) < 0:
+        raise InputError(
+            f"numbers are {list(numbers)!r:.80} of {len(frames)} frames; expected the number of "
+            "each in the video, from 0 on"
+        )
     if camera.moving:
         count = camera.intrinsics.shape[0]
         if max(numbers) >= count:

@@ -28,6 +28,7 @@ from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere, warn_of_
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.resized_cameras import resized
 from perfcap.pipeline.track_motion import MotionBlender
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.setting_checks import Settings, require_counts, require_metres
@@ -292,26 +293,6 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
         require_usable("cameras", given, frames)
         return replace(given.to(problem.pixel_unit), size=(size,) * views)
     return resized(problem.cameras, size)
-
-
-def resized(cameras: Camera, size: tuple[int, int]) -> Camera:
-    """Cameras whose images are stretched to one size (height, width).
-
-    Raises:
-        InputError: cameras do not say how large their images are, or the size is none.
-    """
-    if len(size) != 2 or not all(side == int(side) and side > 0 for side in size):
-        raise InputError(f"size is {size}, expected whole pixels of (height, width)")
-    if not cameras.size:
-        raise InputError(
-            "cameras do not know the size of their images; give cameras in pixels of the masks"
-        )
-    own = cameras.intrinsics.new_tensor(cameras.size)  # C 2
-    ratio = cameras.intrinsics.new_tensor(size) / own
-    stretch = torch.diag_embed(torch.cat((ratio.flip(-1), torch.ones_like(ratio[:, :1])), -1))
-    # pixel centres are integers: x' + 0.5 = ratio (x + 0.5)
-    stretch[:, :2, 2] = 0.5 * (ratio.flip(-1) - 1)
-    return replace(cameras, intrinsics=stretch @ cameras.intrinsics, size=(size,) * cameras.views)
 
 
 def _size(cameras: Camera) -> Tensor:

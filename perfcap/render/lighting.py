@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from perfcap.errors import InputError
+
+_BRIGHTEST = 20.0  # of a light; in bytes, a dim one has more
 
 Color = tuple[float, float, float]
 
@@ -27,6 +32,20 @@ class Lighting:
     sun: Color = (0.72, 0.68, 0.60)
     towards_sun: Color = (0.5, 1.0, 0.6)
     up: Color = (0.0, 1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "sky", "sun"):
+            color = getattr(self, name)
+            if len(color) != 3 or not all(0 <= light <= _BRIGHTEST for light in color):
+                raise InputError(
+                    f"{name} of Lighting is {color!r:.80}, expected three numbers of linear light, "
+                    f"from 0 to {_BRIGHTEST:g}, of which 1 in sum shows a texture as it is: divide "
+                    "bytes by 255"
+                )
+        for name in ("towards_sun", "up"):
+            way = getattr(self, name)
+            if len(way) != 3 or not 0 < sum(each * each for each in way) < math.inf:
+                raise InputError(f"{name} of Lighting is {way!r:.80}, expected a direction x, y, z")
 
     def table(self) -> Tensor:
         """Ambient, sky, sun, and the unit directions to the sun and up, (5, 3) float32."""

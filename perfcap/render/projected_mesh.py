@@ -10,7 +10,10 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_readable
 from perfcap.render.label_map import Cull, LabelMap, rasterize
+
+_LONGEST = 500.0  # m; a person has more in millimetres
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,22 @@ class ProjectedMesh:
         """Project world vertices (V, 3) into a camera of one view at one time, batch (1,).
 
         Raises:
-            InputError: the camera has several views or frames, or no image size.
+            InputError: the camera has several views or frames, or no image size, or vertices are in
+                millimetres.
         """
         if camera.intrinsics.shape[:-2] != (1,) or len(camera.size) != 1:
             raise InputError(
                 f"camera has batch {tuple(camera.intrinsics.shape[:-2])} and {len(camera.size)} "
                 "image sizes; expected one view at one time with its size; use Camera.select"
             )
+        if len(vertices) and is_readable(vertices):
+            span = vertices.detach().nan_to_num(0.0, 0.0, 0.0)
+            longest = float((span.amax(0) - span.amin(0)).amax())
+            if longest > _LONGEST:
+                raise InputError(
+                    f"vertices span {longest:.4g} from end to end, expected metres: divide "
+                    "millimetres by 1000"
+                )
         local = camera.to(vertices).to_camera(vertices)[0]
         pixels = camera.to(vertices).project_camera(local[None])[0]
         return cls(vertices, faces, pixels, local[..., 2], camera.size[0])

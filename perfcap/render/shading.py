@@ -20,6 +20,8 @@ from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.shadow import Visibility
 from perfcap.render.texture import Texture, to_linear, to_srgb
 
+_ROUNDING = 1e-3  # of a share
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -55,6 +57,11 @@ def render(
     if reached is not None:
         for name, share in (("sun", reached.sun), ("sky", reached.sky)):
             require_shape(share, f"reached {name}", mesh.depth.shape, "(V,), of each vertex")
+            if len(share) and not bool((share.detach() - 0.5).abs().max() <= 0.5 + _ROUNDING):
+                raise InputError(
+                    f"reached {name} is {float(share.min()):.4g} to {float(share.max()):.4g}, "
+                    "expected shares from 0 to 1, as visibility gives them"
+                )
     gather = _gather_compiled if mesh.depth.device.type == "cpu" else _gather
     light, coverage = gather(
         mesh.enlarged(supersampling), texture, lighting, reached, supersampling

@@ -90,7 +90,8 @@ def shade_ground(
         sky: directions taken from all of the sky.
 
     Raises:
-        InputError: the image does not have the camera's size, or there are no directions.
+        InputError: the image does not have the camera's size, the ground is above all of the mesh,
+            or there are no directions.
     """
     require_count(sun, "sun")
     require_count(sky, "sky")
@@ -103,6 +104,12 @@ def shade_ground(
     up = unit(lighting.up, vertices)
     towards_sun = cone(unit(lighting.towards_sun, vertices), SUN_SPREAD, sun)
     overhead = cosine_hemisphere(up, sky)
+    highest = float((vertices @ up).max()) if len(vertices) else math.inf
+    if highest < ground:
+        raise InputError(
+            f"ground is at {ground:.4g} m along the light's up, the mesh ends at {highest:.4g} m "
+            "below it; expected metres, of a ground under the mesh"
+        )
     sun_taken = _covered(camera, vertices, faces, towards_sun, up, ground)
     sky_taken = _covered(camera, vertices, faces, overhead, up, ground)
     row, column = torch.nonzero(sun_taken + sky_taken, as_tuple=True)

@@ -15,6 +15,7 @@ from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 
 _FARTHEST = 1e6  # of a uv from the image, in images; whole numbers and fractions are told apart
+_ROUNDING = 1e-2  # of light
 COARSEST = 16  # px; smaller levels mix parts of the body that are neighbours in the atlas only
 
 
@@ -41,6 +42,14 @@ def to_srgb(light: Tensor) -> Tensor:
     return (255 * curve).round().to(torch.uint8)
 
 
+def _is_light(level: Tensor) -> bool:
+    """Whether a picture, which may be empty, is from 0 to 1, but for rounding."""
+    if not level.numel():
+        return True
+    low, high = (float(end) for end in level.detach().aminmax())
+    return low >= -_ROUNDING and high <= 1 + _ROUNDING
+
+
 @dataclass(frozen=True)
 class Texture:
     """An image that is mapped onto a mesh, as glTF defines it.
@@ -51,8 +60,8 @@ class Texture:
         faces: indices into ``uv`` of each face's corners, (T, 3).
 
     Raises:
-        InputError: arrays of other shapes, faces that index no uv, or uv of faces that are not
-            finite, or a million images away.
+        InputError: arrays of other shapes, levels that are no light from 0 to 1, faces that index
+            no uv, or uv of faces that are not finite, or a million images away.
     """
 
     levels: tuple[Tensor, ...]
@@ -62,6 +71,11 @@ class Texture:
     def __post_init__(self) -> None:
         for level in self.levels:
             require_shape(level, "texture level", (None, None, 3), "(h, w, 3)")
+            if not level.is_floating_point() or not _is_light(level):
+                raise InputError(
+                    f"texture level is {level.dtype} beyond 0 to 1, expected linear light from 0 "
+                    "to 1; Texture.from_image makes it of an image in bytes"
+                )
         if not self.levels or any(0 in level.shape for level in self.levels):
             raise InputError("texture has no image, or an empty one; expected a pixel at least")
         require_shape(self.uv, "texture uv", (None, 2), "(N, 2)")

@@ -73,7 +73,7 @@ def extract_contour(
     """Sub-pixel boundary of a mask, of its holes too.
 
     Args:
-        mask: (H, W), bool, or numbers that count as inside where not zero.
+        mask: (H, W), bool, or whole numbers that count as inside where not zero.
         confidence: (H, W) in [0, 1], or a function of points (N, 2) and normals (N, 2); 1 when
             not given.
         settings: smoothing and the least size.
@@ -83,17 +83,30 @@ def extract_contour(
         off there by the image, not by the person, and has no points within a few pixels of it.
 
     Raises:
-        InputError: the mask is no picture, or the confidence does not fit it.
+        InputError: the mask is no picture, or a soft one, or the confidence does not fit it.
     """
     settings = settings if settings is not None else Tracing()
     if mask.ndim != 2:
         raise InputError(f"mask has shape {mask.shape}; expected one picture (H, W)")
     inside = np.ascontiguousarray(mask, np.bool_).view(np.uint8)
+    _require_whole(mask)
     chains = _chains(inside, settings.smallest)
     parts = [_smooth(chain, inside.shape, settings.reach) for chain in chains]
     points = np.concatenate([np.zeros((0, 2)), *(part[0] for part in parts)])
     normals = np.concatenate([np.zeros((0, 2)), *(part[1] for part in parts)])
     return Contour(points, normals, _trust(points, normals, confidence, mask.shape))
+
+
+def _require_whole(mask: NDArray[np.generic]) -> None:
+    """Refuse masks of fractions, log odds or NaN: whatever is not quite zero would be inside."""
+    if mask.dtype.kind != "f" or not mask.size:
+        return
+    low, high = float(mask.min()), float(mask.max())
+    if not low >= 0 or not np.isin(mask, (0, high)).all():
+        raise InputError(
+            f"mask is {mask.dtype} of {low:.3g} to {high:.3g}; expected bool, or whole numbers, 0 "
+            "outside: compare soft masks with a half, as mask > 0.5, and log odds with 0"
+        )
 
 
 def _chains(inside: NDArray[np.uint8], smallest: float) -> list[Integers]:

@@ -128,8 +128,13 @@ def stack(matches: Sequence[Sequence[Matches]], like: Tensor) -> Correspondences
         Correspondences (F, C, P), P being the most pairs of any frame and view and at least 1.
 
     Raises:
-        InputError: frames differ in their number of views.
+        InputError: frames differ in their number of views, or ``like`` holds whole numbers.
     """
+    if not like.is_floating_point():
+        raise InputError(
+            f"like is {like.dtype}, in which weights and normals are whole numbers; expected a "
+            "floating-point tensor"
+        )
     frames, views = len(matches), len(matches[0]) if matches else 0
     if any(len(row) != views for row in matches):
         found = sorted({len(row) for row in matches})

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_picture
 from perfcap.setting_checks import Settings
 
 Floats = NDArray[np.float32]
@@ -56,7 +57,11 @@ def find_edges(
         image: of at least one pixel.
         settings: how.
         corner: where the picture begins in the image it is cut from.
+
+    Raises:
+        InputError: it is no RGB picture in bytes.
     """
+    require_picture(image, "image")
     settings = settings or EdgeSettings()
     smooth = cv2.GaussianBlur(image.astype(np.float32) / 255, (0, 0), settings.blur)
     gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=3) / 8 for axis in ((1, 0), (0, 1)))

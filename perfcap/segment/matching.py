@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from perfcap.array_checks import require_shape
 from perfcap.errors import InputError
 from perfcap.render.occluding_contour import ModelContour
 from perfcap.segment.contour import Contour
@@ -23,6 +24,8 @@ from perfcap.setting_checks import Settings
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+_METRES, _LARGER = 3.0, 5.0  # sizes that are heights in metres; of a model so many times as large
 
 
 @dataclass(frozen=True)
@@ -108,15 +111,23 @@ def match(
         a shoulder would swing an arm that has no mask.
 
     Raises:
-        InputError: ``size`` is not positive.
+        InputError: ``size`` is not positive or in metres, or ``room`` is of other points.
     """
     settings = settings if settings is not None else Matching()
     if size is not None and not size > 0:
         raise InputError(f"size is {size}; expected the person's height in pixels")
+    if room is not None:
+        require_shape(room, "room", (len(model),), "(P,) px, of each point of the model's contour")
     if not len(model) or not len(image):
         nothing = np.zeros(0, np.int64)
         return _matches(model, image, _Pairs(nothing, nothing), np.zeros(0))
-    size = size or max(float(np.ptp(model.points, 0).max()), 1.0)
+    extent = max(float(np.ptp(model.points, 0).max()), 1.0)
+    if size is not None and size < _METRES and extent > _LARGER * size:
+        raise InputError(
+            f"size is {size:.3g}, of a model that is {extent:.0f} px large; expected the upright "
+            "person's height in pixels, not in metres"
+        )
+    size = size or extent
     search = _Search(model, image, settings, size, room)
     pairs = search.outward()
     if not settings.pruned:

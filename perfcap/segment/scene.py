@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_mask, require_picture
+from perfcap.errors import InputError
 from perfcap.segment.background import Plate, PlateSettings, build_plate
 from perfcap.segment.moving_scene import KeyFrame, MovingSettings, Samples
 from perfcap.segment.network_cue import CueTrust
@@ -97,6 +99,22 @@ def hide(model: Mask, clearance: float) -> Mask:
     return near
 
 
+def require_footage(images: Sequence[Image], models: Sequence[Mask]) -> None:
+    """Refuse images that are no RGB ones (H, W, 3) of one size in bytes, or models (H, W) or
+    (K, H, W) that are no masks of them.
+
+    Raises:
+        InputError: they are not.
+    """
+    if len(images) != len(models):
+        raise InputError(f"{len(images)} images and {len(models)} models; expected one of each")
+    for number, (image, model) in enumerate(zip(images, models, strict=True)):
+        size = images[0].shape[:2] if number else None
+        require_picture(image, f"image {number}", size)
+        people = tuple(model.shape[:-2]) if model.ndim == 3 else ()
+        require_mask(model, f"model {number}", (*people, *image.shape[:2]))
+
+
 def survey(
     images: Sequence[Image],
     models: Sequence[Mask],
@@ -112,7 +130,12 @@ def survey(
         plate: how a plate is made.
         settings: of the survey.
         workers: threads; all cores when None.
+
+    Raises:
+        InputError: images that are no RGB ones in bytes and of one size, or models that are no
+            masks of them.
     """
+    require_footage(images, models)
     plate, settings = plate or PlateSettings(), settings or SceneSettings()
     if len(images) < plate.least:
         return Scene(None, float("nan"), 0)

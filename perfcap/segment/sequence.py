@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
 from perfcap.errors import InputError
 from perfcap.segment.background import Plate
 from perfcap.segment.evidence import ColorModels
@@ -23,7 +24,14 @@ from perfcap.segment.motion_cue import CutSettings, find_cuts
 from perfcap.segment.moving_scene import KeyFrame
 from perfcap.segment.network_cue import PersonNetwork
 from perfcap.segment.people_trimap import trimap_of
-from perfcap.segment.scene import Scene, SceneSettings, hide, key_frame, registered_neighbors
+from perfcap.segment.scene import (
+    Scene,
+    SceneSettings,
+    hide,
+    key_frame,
+    registered_neighbors,
+    require_footage,
+)
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import Mask, Trimap
 from perfcap.setting_checks import Settings
@@ -73,6 +81,11 @@ class Footage:
                 f"footage: {len(self.images)} images, {len(self.models)} models and bones of "
                 f"{len(self.bones)} frames; expected as many of each"
             )
+        require_footage(self.images, self.models)
+        if len(self.images):
+            people = tuple(self.models[0].shape[:-2])
+            wanted = (len(self.images), *people, None, 2, 2)
+            require_shape(self.bones, "bones", wanted, "both ends of each bone, px, of each model")
 
 
 def segment_block(

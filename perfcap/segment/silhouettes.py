@@ -16,6 +16,7 @@ from perfcap.segment.trimap import Mask
 
 Labels = NDArray[np.uint8]
 
+_WHITE = 255  # of masks in bytes
 _LARGEST = 1 << 14  # px, longest side that is unpacked here
 
 _SETTINGS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -44,9 +45,14 @@ class Silhouettes:
         """Compress labels or masks (H, W), one a view, frame by frame as they come.
 
         Raises:
-            InputError: pictures of another kind, or frames of different numbers of views.
+            InputError: pictures of another kind, frames of different numbers of views, views whose
+                pictures change their size, or masks of bytes, in which 255 is no 255th person.
         """
-        encoded = tuple(tuple(encode_labels(labels) for labels in views) for views in frames)
+        seen = _Seen()
+        encoded = tuple(
+            tuple(encode_labels(seen.checked(labels, view)) for view, labels in enumerate(views))
+            for views in frames
+        )
         if len({len(views) for views in encoded}) > 1:
             raise InputError("silhouettes: frames have different numbers of views, expected one")
         return cls(encoded)
@@ -100,6 +106,30 @@ class Silhouettes:
                 yield self.encoded[frame][view]
             else:
                 yield encode_labels(self.labels(frame, view))
+
+
+class _Seen:
+    """What the pictures of a clip are like, from the first on."""
+
+    def __init__(self) -> None:
+        self.sizes: dict[int, tuple[int, ...]] = {}
+
+    def checked(self, labels: Labels | Mask, view: int) -> Labels | Mask:
+        """The same, refused where it has another size than the view's first, or is a mask of
+        bytes.
+        """
+        size = self.sizes.setdefault(view, labels.shape)
+        if labels.shape != size:
+            raise InputError(
+                f"silhouettes of view {view}: have {labels.shape} rows and columns after {size}; "
+                "expected one size in all frames, as [frame][view]"
+            )
+        if labels.dtype == np.uint8 and labels.max(initial=0) == _WHITE:
+            raise InputError(
+                f"silhouettes of view {view}: hold {_WHITE}, expected 0 for the background and k "
+                "for the k-th person: compare masks of bytes, as mask > 127"
+            )
+        return labels
 
 
 def encode_labels(labels: Labels | Mask) -> bytes:

@@ -207,3 +207,17 @@ def test_the_shipped_one_finds_the_dancer():
     whole = slice(0, truth.shape[0]), slice(0, truth.shape[1])
     found = network(images.reader.read_view(0, 40, 41)[0], truth, spine, whole) > 0
     assert (found & truth).sum() / (found | truth).sum() > 0.85
+
+
+def test_shares_whole_models_and_other_spines_are_refused(tmp_path):
+    network = OnnxSegmenter(write(tmp_path))
+    image, truth, spine = scene()
+    part = slice(10, 140), slice(60, 190)
+    network(image, truth[part], spine, part)
+    for given, model, bone, words in (
+        (image / 255, truth[part], spine, "image is"),
+        (image, truth, spine, "model has shape"),
+        (image, truth[part], spine[0], "spine has shape"),
+    ):
+        with pytest.raises(InputError, match=words):
+            network(given, model, bone, part)
