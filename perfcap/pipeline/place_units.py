@@ -1,4 +1,4 @@
-"""Whether places of a motion have the unit and axes of its bones: feet that stand say so."""
+"""Whether places of a motion are in the world, in the unit and axes of its bones: feet say so."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ _SURE = 0.4
 # feet of 34 recorded motions slide by 0.85 of the hips' way at most, and by 0.04 to 0.5 of 32 of
 # them; by 1.2 to 2.2 where the axis along which the person walks is another
 _SLIDES = 1.1
+_STAYS = 1e-6  # of the legs: what turning a world leaves of one place
 _NEAR = 0.1  # of the hips' way: axes that explain it as well, of which the fewest changes are told
 
 
 def place_doubts(
     landmarks: Tensor, rate: float, legs: float, root: Tensor | None = None
 ) -> Iterator[str]:
-    """A sentence where places of a person look as if in another unit or other axes than bones.
+    """A sentence where places look relative to the pelvis, or of another unit or axes than bones.
 
     While hips go over a foot, the foot stays where it is. Hips seen from the foot go by lengths
     of bones, hips in the world by their places: of the root in files, about which the pelvis turns
@@ -53,6 +54,13 @@ def place_doubts(
         return
     factor, axes = steps.factor(), steps.axes()
     placed = None if root is None else root.detach().to(landmarks)
+    if placed is not None and float((placed - placed[0]).abs().max()) <= _STAYS * legs:
+        yield (
+            "the pelvis stays at one place to the last digit while feet walk below it, as where "
+            "each frame's pelvis was subtracted from its joints, or a file has no positions of its "
+            "root: give joints in the world, unless the motion was made to stay on the spot"
+        )
+        return
     by_root = None if placed is None else _Steps.of(landmarks, placed, rate, legs)
     if by_root is not None:
         stands = min(_STANDS, _SURE * len(by_root.gone) / rate)

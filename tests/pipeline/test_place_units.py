@@ -106,6 +106,33 @@ def test_places_of_the_middle_of_the_hips_of_a_skeleton_with_another_root() -> N
     assert named(line) == pytest.approx(100, rel=0.1)
 
 
+def test_places_relative_to_the_pelvis() -> None:
+    """A walk became one on the spot, with nothing said."""
+    right = walk()
+    root = mid_hip(right)
+    spot = right - root[:, None]
+    (line,) = place_doubts(spot, RATE, LEGS, root - root)
+    assert "the pelvis stays at one place to the last digit" in line and "in the world" in line
+    # a detector's pelvis moves, and so does that of who walks on a treadmill
+    swaying = 1e-3 * torch.randn(root.shape, generator=torch.Generator().manual_seed(0)).double()
+    assert not list(place_doubts(spot + swaying[:, None], RATE, LEGS, swaying))
+    # who sits or stands still has a foot that stays
+    seated = spot.clone()
+    feet = [LANDMARKS.index(name) for name in ("l_ankle", "l_toe")]
+    seated[:, feet] = seated[:1, feet] - torch.tensor([0.0, 0.3, 0.0])
+    assert not list(place_doubts(seated, RATE, LEGS, root - root))
+
+
+@needs_recordings
+def test_retarget_names_places_relative_to_the_pelvis(tmp_path: Path) -> None:
+    rig = recorded(CMU / "02_02.bvh", tmp_path, 1.0)
+    position = torch.tensor(rig.position)
+    joints = JointMotion(torch.tensor(rig.rotation), position - position[:, :1])
+    assert not said_of(rig)
+    with pytest.raises(UserWarning, match="the pelvis stays at one place"):  # before it solves
+        retarget(rig.actor, joints, rig.actor, rig.rate, examined=True)
+
+
 def named(line: str) -> float:
     """The factor that a sentence has."""
     return float(line.split("places were ")[1].split(" times")[0])

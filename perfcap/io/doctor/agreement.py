@@ -83,7 +83,7 @@ def examine_agreement(
     names, sampled = list(rig.names), given.sampled()
     height, now = person_height(sampled), disagreement(sampled)
     if not (math.isfinite(height) and math.isfinite(now)):
-        return _unknown(sampled.detections)
+        return _unknown(given.sure().detections)
     late = late_ways(given) if successive else None
     findings = [] if late is None else [late.finding(names)]
     scene = given if late is None else late.undo(given)
@@ -133,7 +133,7 @@ def _explain(
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
-    short = scene.seen().detections.frame_count < SHORT
+    short = len(scene.common()) < SHORT
     timed = not short or now > CALIBRATED * height
     best, left = best_mistake(scene, names, BAD * height, timed=timed)
     late = late_view(scene, names) if successive else None
@@ -178,32 +178,33 @@ def best_mistake(
 
     Late views are among them where ``timed``.
     """
-    views, frames = range(len(names)), scene.seen().detections.frame_count
+    views, frames = range(len(names)), len(scene.common())
     every = hypotheses(names, views, frames)
     candidates = [each for each in every if timed or not each.delay]
+    undone = [each.undo(scene) for each in candidates]
     # in an image of a fourth of the size all errors are a fourth, too
-    left = [disagreement(each.undo(scene).sampled()) / each.scale for each in candidates]
+    left = [
+        disagreement(mended.sampled()) / each.scale
+        for each, mended in zip(candidates, undone, strict=True)
+    ]
     left = [
         math.inf
-        if (candidate.settles and rest > bad) or _of_fewer(scene, candidate.delay, rest)
+        if (each.settles and rest > bad) or _of_fewer(scene, mended, each.delay, rest)
         else rest
-        for candidate, rest in zip(candidates, left, strict=True)
+        for each, mended, rest in zip(candidates, undone, left, strict=True)
     ]
     lowest = min(range(len(left)), key=left.__getitem__)
     return candidates[lowest], left[lowest]
 
 
-def _of_fewer(scene: Scene, delay: int, rest: float) -> bool:
+def _of_fewer(scene: Scene, undone: Scene, delay: int, rest: float) -> bool:
     """Whether a late view of a short clip leaves less since frames without a partner are not seen.
 
     These few may be the worst ones, so that the same frames are compared as they are now.
     """
-    scene = scene.seen()
-    count = scene.detections.frame_count
-    if not delay or count >= SHORT:
+    if not delay or len(scene.common()) >= SHORT:
         return False
-    common = torch.arange(max(0, -delay), count - max(0, delay))
-    return not rest < BETTER * disagreement(scene.frames(common).sampled())
+    return not rest < BETTER * disagreement(scene.frames(undone.common()).sampled())
 
 
 @dataclass(frozen=True)

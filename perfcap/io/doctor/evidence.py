@@ -45,13 +45,13 @@ class Scene:
         """Some frames, in the order given."""
         return Scene(self.cameras.frames(index), self.detections.frames(index))
 
-    def seen(self) -> Scene:
-        """The frames from the first to the last in which two views see a joint."""
-        common = ((self.detections.confidence2d > 0).sum(1) > 1).any(-1).nonzero().flatten()
-        count = self.detections.frame_count
-        if not len(common) or len(common) == count:
-            return self
-        return self.frames(torch.arange(int(common[0]), int(common[-1]) + 1).to(common))
+    def common(self) -> Tensor:
+        """The frames in which two views surely see a joint, (N,).
+
+        What detectors find with hardly any confidence where a person has left is no sight of them.
+        """
+        sure = self.detections.confidence2d > CONFIDENT
+        return (sure.sum(1) > 1).any(-1).nonzero().flatten()
 
     def sure(self) -> Scene:
         """Joints seen with confidence alone, and no 3D poses."""
@@ -61,10 +61,11 @@ class Scene:
         return Scene(self.cameras, Detections(seen.joints2d, confidence, None, untrusted))
 
     def sampled(self, frames: int = FRAMES) -> Scene:
-        """So many frames, evenly spread, of joints seen with confidence."""
-        count = self.detections.frame_count
-        index = torch.linspace(0, count - 1, min(count, frames)).round().long()
-        return self.frames(index).sure()
+        """So many frames, evenly spread over those in common, of joints seen with confidence."""
+        common = self.common()
+        known = common if len(common) else torch.arange(self.detections.frame_count)
+        index = torch.linspace(0, len(known) - 1, min(len(known), frames)).round().long()
+        return self.frames(known[index.to(known)]).sure()
 
     def triangulated(self, rounds: int) -> tuple[Tensor, Tensor]:
         """Points (F, 16, 3) m and residuals (F, 16) on the plane, NaN where unknown."""

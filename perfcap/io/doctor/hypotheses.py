@@ -291,7 +291,7 @@ def late_view(scene: Scene, names: Sequence[str]) -> Hypothesis | None:
         return None
     first = max(0, (count - _FRAMES) // 2)
     part = torch.arange(first, min(count, first + _FRAMES))
-    scene = Scene(scene.cameras.frames(part), scene.detections.frames(part))
+    scene = scene.frames(part).sure()
     fits = [_best_fit(scene, view) for view in views]
     view = min(views, key=lambda view: fits[view].error / fits[view].now)
     shift, fit = fits[view].shift, fits[view]

@@ -164,7 +164,8 @@ class _Views:
 
 def _mistakes(views: _Views, alone: bool) -> Iterator[_Mistake]:
     """One of each part of the clip in which views disagree more than usual, if it is explained."""
-    parts = _parts(views.scene.detections.frame_count)
+    common = views.scene.common()  # a part of few frames that are seen may be wrong by chance
+    parts = [common[part] for part in _parts(len(common))]
     seen = [disagreement(views.scene.frames(part)) for part in parts]
     known = sorted(each for each in seen if math.isfinite(each))
     # of the better quarter: more than half of the clip may be wrong
