@@ -28,8 +28,8 @@ from perfcap.pipeline import (
     SurfaceFrames,
     capture,
     refine_jointly,
+    resized,
 )
-from perfcap.pipeline.joint_refinement import resized
 from perfcap.pipeline.sight import Sight
 
 _COLUMNS = (
