@@ -23,7 +23,7 @@ from perfcap.io.actor_check import examine_actor
 from perfcap.io.actor_import import require_sound
 from perfcap.io.actor_layers import layer_findings
 from perfcap.io.doctor.finding import Severity
-from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
+from perfcap.rigging.bone_heat import HeatReport, heated
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.loose_parts import height_doubt
@@ -195,7 +195,7 @@ def _rigged(
     missing = [name for name in names if name not in joints]
     if missing:
         raise InputError(f"joints lack {', '.join(missing)}; give positions of {', '.join(names)}")
-    weights, heat = bone_heat_weights(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
+    weights, heat = heated(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
     rest = np.tile(np.eye(4), (len(names), 1, 1))
     rest[:, :3, 3] = [joints[name] for name in names]
     parents = [-1 if p is None else names.index(p) for p in (*PARENTS.values(), *_ENDS.values())]
