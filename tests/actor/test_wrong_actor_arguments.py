@@ -57,7 +57,7 @@ def test_degrees_are_named_on_the_way_to_rest() -> None:
 
 
 def test_factors_are_no_logarithms() -> None:
-    """Factors of 1.05 made a person of 1.8 m one of 5 m."""
+    """Factors of about 1 made a giant of a person."""
     with pytest.warns(UserWarning, match=r"these look like the factors: give torch.log"):
         ACTOR.resized(torch.full((GROUPS,), 1.05))
     for percent in (105.0, math.nan):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import limbs
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ def body() -> tuple[limbs.Floats, limbs.Integers]:
     for side in "lr":
         names = [f"{side}_{name}" for name in ("hip", "knee", "ankle", "toe")]
         arms = [f"{side}_{name}" for name in ("shoulder", "elbow", "wrist")]
-        pairs += [*zip(names, names[1:], strict=False), *zip(arms, arms[1:], strict=False)]
+        pairs += [*pairwise(names), *pairwise(arms)]
     parts = [limbs.arrays(limbs.tube(*pair)) for pair in pairs]
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     faces = [each + start for (_, each), start in zip(parts, starts, strict=False)]
