@@ -22,7 +22,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
 from perfcap.io.actor_import import require_sound
 from perfcap.io.actor_layers import layer_findings
-from perfcap.io.doctor.finding import Severity
+from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.rigging.bone_heat import HeatReport, heated
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
