@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from runs import Command
 
 from perfcap.app import actor_build, actor_sheet
@@ -32,7 +31,7 @@ def test_what_is_wrong_with_a_mesh_is_said_once(
     monkeypatch.setattr(actor_sheet, "_SMALL", 32)
     monkeypatch.setattr(actor_build, "rig_bare_mesh", partial(rig_bare_mesh, settings=QUICK))
     model = load_body_model()
-    places = [f"v {x} {y} {z}" for x, y, z in model.template(torch.zeros(0)).vertices]
+    places = [f"v {x} {y} {z}" for x, y, z in model.surface.mean.tolist()]
     corners = [f"f {a} {b} {c}" for c, b, a in (np.asarray(model.rig.faces) + 1).tolist()]
     (tmp_path / "scan.obj").write_text("\n".join((*places, *corners)))
     (tmp_path / "regions.toml").write_text(OVER_ALL)
