@@ -26,6 +26,8 @@ from perfcap.errors import InputError
 
 _LARGER = 20.0  # than itself, of an actor with other vertices
 _OTHER = 1e-3  # m, of landmarks at rest: another actor, not another precision
+_ELSEWHERE = 0.01  # m, of joints of a rig from their bones: of another person
+_FACTOR = 0.8  # logarithms of factors above are the factors themselves, about 1
 _TURNS = 4 * math.pi  # angles of joints and roots above are degrees, or count turns
 
 
@@ -53,6 +55,8 @@ class Actor(nn.Module):
         self._bent = resting_fingers(template, template.joint_bones) if rest_hands else None
         self.skeleton = Skeleton(rig if rig is not None else human_rig(_positions(template)))
         self.bone_joints = _bone_joints(template, self.skeleton.rig)
+        if rig is not None:
+            _warn_of_another(template, rig)
         like = self.skeleton.rest_positions
         self.register_buffer("vertices", _rest_vertices(template, self._bent).to(like))
         # skinning weights of joints rather than bones: bones of one joint move as one
@@ -126,8 +130,11 @@ class Actor(nn.Module):
             motion: (*b, F).
             surface: vertices in the world, (*b, F, V, 3), metres.
         """
+        _warn_of_degrees(motion)
         rotation, translation = self.joint_transforms(motion)
-        return dual_quaternion_blend(surface, self.skin, rotation, translation, inverse=True)
+        rest = dual_quaternion_blend(surface, self.skin, rotation, translation, inverse=True)
+        _warn_of_unit(rest, self.vertices)
+        return rest
 
     def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""
@@ -163,7 +170,8 @@ class Actor(nn.Module):
         """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows.
 
         Raises:
-            InputError: they require gradients, which a mesh does not carry, or are not one a group.
+            InputError: they require gradients, which a mesh does not carry, or are not one a group,
+                or are no logarithms.
         """
         groups = self.skeleton.group_names
         if bones.shape != (len(groups),):
@@ -176,24 +184,76 @@ class Actor(nn.Module):
                 "resized: bones require gradients, which do not reach them through a new mesh; "
                 "give bones.detach(), or let actor.skeleton.tree.bone_vectors require gradients"
             )
+        usual = float(bones.detach().abs().median())
+        if not float(bones.detach().abs().max()) <= math.log(_LARGER):  # nor is it NaN
+            raise InputError(
+                f"resized: bones are up to {float(bones.abs().max()):.3g}, expected logarithms of "
+                "factors of length, 0 for none: give torch.log(factors)"
+            )
+        if usual > _FACTOR:
+            warnings.warn(
+                f"resized: bones are {usual:.3g} in the median, which makes them "
+                f"{math.exp(usual):.2g} times longer or shorter; expected logarithms of factors, "
+                "these look like the factors: give torch.log(factors)",
+                stacklevel=2,
+            )
         from perfcap.actor.bone_lengths import resize
 
         template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)
         return type(self)(template, rig, self.rest_hands).to(self.vertices)
 
 
+def _is_looked_at(values: Tensor) -> bool:
+    """Whether numbers are at hand: on a device they would be waited for."""
+    if torch.compiler.is_compiling() or values.device.type != "cpu" or not values.numel():
+        return False
+    return not torch._C._functorch.is_functorch_wrapped_tensor(values)
+
+
 def _warn_of_degrees(motion: Motion) -> None:
-    """Warn of angles beyond two turns in most frames; not on a device, which it would wait for."""
+    """Warn of angles beyond two turns in most frames."""
     if torch.compiler.is_compiling() or motion.angles.device.type != "cpu" or not motion.frames:
         return
     angles = torch.cat((motion.rotation, motion.angles), -1).detach()
-    if torch._C._functorch.is_functorch_wrapped_tensor(angles):
+    if not _is_looked_at(angles):
         return
     usual = float(angles.abs().amax(-1).median())
     if usual > _TURNS:
         warnings.warn(
             f"the motion turns joints by {usual:.3g} radians in the median frame; expected "
             "radians, these look like degrees: give torch.deg2rad(angles), and rotation likewise",
+            stacklevel=3,
+        )
+
+
+def _warn_of_unit(rest: Tensor, own: Tensor) -> None:
+    """Warn where a surface (*b, F, V, 3) brought to rest is of another unit than the actor's."""
+    if not _is_looked_at(rest):
+        return
+    size = rest.detach().amax(-2) - rest.detach().amin(-2)
+    larger = float(torch.linalg.vector_norm(size, dim=-1).median() / _extent(own.detach()))
+    if not 1 / _LARGER <= larger <= _LARGER:
+        warnings.warn(
+            f"at_rest: the surface comes to rest {larger:.3g} times as large as the actor; "
+            "expected the surface of this motion, in metres: divide millimetres by 1000",
+            stacklevel=3,
+        )
+
+
+def _warn_of_another(template: Template, rig: Rig) -> None:
+    """Warn of a rig whose joints are not where the bones of the template begin."""
+    own = _positions(template)
+    far = {
+        name: float((place.detach().cpu() - own[name]).norm())
+        for name, place in zip(rig.joints, rig.positions, strict=True)
+        if name in own
+    }
+    name = max(far, key=lambda each: far[each], default="")
+    if far and far[name] > _ELSEWHERE:
+        warnings.warn(
+            f"the rig is not that of {template.name!r}: {name} is {far[name]:.2g} m from its bone; "
+            "expected the joints of this template, in metres: leave the rig out, and it is built, "
+            "or change that of Actor(template)",
             stacklevel=3,
         )
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.measurements import Measurements
 from perfcap.app.actor_inspect import run_inspect
 from perfcap.app.capture_folder import same_file
@@ -29,7 +28,8 @@ from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.mesh import FORMATS, read_mesh
 from perfcap.io.result_folder import BODY
 from perfcap.pipeline.appearance import Appearance
-from perfcap.rigging import Person, RigReport, auto_rig, build_body, read_overrides
+from perfcap.rigging import Person, RigReport, build_body, read_overrides
+from perfcap.rigging.auto_rig import rig_bare_mesh
 
 # --- Actors for those who have no rig: of a bare mesh, or of nothing but a person's measures ------
 
@@ -75,13 +75,11 @@ def rigged_mesh(source: Path, how: Rigging) -> tuple[Actor, Measurements | None]
     if how.height is not None:
         Person(height=how.height)  # refuses what no person is
     detector = None if how.detector is None else _detector(how.detector)
-    template, report = auto_rig(
+    template, report = rig_bare_mesh(
         mesh, load_body_model(how.body), how.height, rules, detector=detector
     )
     _print_rig(report)
-    joints = {name: template.bone(name) for name in JOINTS}
-    known = replace(template, joint_bones=joints)
-    require_sound(source, examine_actor(known))
+    require_sound(source, report.about_actor)
     return Actor(template.rounded()), report.measurements
 
 
@@ -132,8 +130,11 @@ def _print_rig(report: RigReport) -> None:
     if report.measurements is not None:
         console.print("the body in it, under its clothes:")
         print_measures(report.measurements)
+    printed = {str(finding) for finding in report.about_actor}  # by who looks at the folder
     for warning in report.warnings:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+        if warning not in printed:
+            line = f"warning: {warning.removeprefix('warning: ')}"
+            console.print(line, style="yellow", soft_wrap=True)
 
 
 # --- ``perfcap actor build``: an actor folder from what a user has --------------------------------

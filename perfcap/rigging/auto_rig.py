@@ -22,8 +22,8 @@ from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
 from perfcap.io.actor_import import require_sound
 from perfcap.io.actor_layers import layer_findings
-from perfcap.io.doctor.finding import Severity
-from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.rigging.bone_heat import HeatReport, heated
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.loose_parts import height_doubt
@@ -63,6 +63,8 @@ class RigReport:
         measurements: of the body in the mesh, under its clothes, in the model's rest pose;
             None where joints were given.
         seen: landmarks that a detector saw; None without one.
+        about_actor: what ``examine_actor`` finds in the rigged mesh; what is wrong is among the
+            warnings, too.
     """
 
     upright: Upright | None
@@ -71,6 +73,7 @@ class RigReport:
     warnings: tuple[str, ...] = ()
     measurements: Measurements | None = None
     seen: SeenLandmarks | None = None
+    about_actor: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,7 @@ def auto_rig(
 
     The mesh is turned to y up, facing +z, and scaled to metres, and inside out where its triangles
     face inwards; a body model is fitted into it, whose joints become the skeleton; weights are heat
-    from its bones.
+    from its bones. What to look at is logged.
 
     Args:
         mesh: what to rig.
@@ -111,6 +114,21 @@ def auto_rig(
     Raises:
         InputError: it is no mesh, or not of one person in such a pose; the detector finds nobody.
     """
+    template, report = rig_bare_mesh(mesh, model, height, overrides, settings, detector)
+    for warning in report.warnings:
+        logger.warning("%s: %s", mesh.name, warning)
+    return template, report
+
+
+def rig_bare_mesh(
+    mesh: BareMesh,
+    model: BodyModel,
+    height: float | None = None,
+    overrides: tuple[Override, ...] = (),
+    settings: FitSettings | None = None,
+    detector: JointDetector | None = None,
+) -> tuple[Template, RigReport]:
+    """As ``auto_rig``, without a word in the log: for commands, which print the report."""
     vertices, faces = _checked(mesh)
     turned = _is_inside_out(vertices, faces)
     faces = faces[:, ::-1].copy() if turned else faces
@@ -139,10 +157,9 @@ def auto_rig(
         found += [] if doubt is None else [doubt]
     known = replace(template, joint_bones={name: template.bone(name) for name in JOINTS})
     found += [str(finding) for finding in layer_findings(known, mesh.parts)]
-    report = RigReport(best.upright, fit, heat, tuple(found), inside, best.seen)
-    for warning in report.warnings:
-        logger.warning("%s: %s", mesh.name, warning)
-    return template, report
+    about = examine_actor(known)
+    found += [str(finding) for finding in about if finding.severity is not Severity.INFO]
+    return template, RigReport(best.upright, fit, heat, tuple(found), inside, best.seen, about)
 
 
 def rig_with_joints(
@@ -178,7 +195,7 @@ def _rigged(
     missing = [name for name in names if name not in joints]
     if missing:
         raise InputError(f"joints lack {', '.join(missing)}; give positions of {', '.join(names)}")
-    weights, heat = bone_heat_weights(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
+    weights, heat = heated(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
     rest = np.tile(np.eye(4), (len(names), 1, 1))
     rest[:, :3, 3] = [joints[name] for name in names]
     parents = [-1 if p is None else names.index(p) for p in (*PARENTS.values(), *_ENDS.values())]

@@ -10,6 +10,7 @@ far away from it is smooth.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ from perfcap.rigging.overrides import Override
 
 # --- Heat on a triangle mesh ----------------------------------------------------------------------
 
+_LOG = logging.getLogger(__name__)
+_NONE = 1e-6  # weight that moves nothing
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -112,7 +115,7 @@ def bone_heat_weights(
     """Skinning weights (V, J): not negative, rows sum to one.
 
     The mesh may have holes, several parts, edges of more than two triangles, and triangles without
-    area; vertices at one position move as one.
+    area; vertices at one position move as one. Bones left without any by overrides are logged.
 
     Args:
         vertices: rest pose, (V, 3), metres.
@@ -122,8 +125,26 @@ def bone_heat_weights(
         heat: factor on H; smaller is smoother.
 
     Raises:
-        InputError: the arrays are no mesh, or no part of it sees a bone.
+        InputError: the arrays are no mesh, no part of it sees a bone, or bones are not those of
+            the mesh: in another unit, or with another axis up.
     """
+    weights, report = heated(vertices, faces, bones, overrides, heat)
+    bones.require_near(vertices[np.unique(faces)])
+    still = [name for name, most in zip(bones.names, weights.max(0), strict=True) if most <= _NONE]
+    if overrides and still:
+        what = "move no vertex: overrides cover too much; part 0 is the largest, mostly the body"
+        _LOG.warning("%s %s", ", ".join(still), what)
+    return weights, report
+
+
+def heated(
+    vertices: Floats,
+    faces: NDArray[np.int64],
+    bones: Bones,
+    overrides: tuple[Override, ...] = (),
+    heat: float = HEAT,
+) -> tuple[Floats, HeatReport]:
+    """``bone_heat_weights`` of bones that are those of the mesh."""
     topology = surface_topology(vertices, faces)
     mesh = _Mesh.of(vertices, topology)
     allowed = _allowed(mesh, bones, overrides)

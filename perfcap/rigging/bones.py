@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.anatomy import JOINTS
+from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_LARGER = 20.0  # than the other, of bones and mesh: one of them is in another unit
+_FAR = 0.2  # of the bones' extent that most of a mesh is nearer to them
+_SOME = 5000  # vertices that are looked at
+LANDMARK_ENDS = ("head_top", "l_toe", "r_toe")
 _HAND = 0.45  # from the wrist to the middle of the fingers, in forearms
 
 # What moves with each joint: segments to the joints and landmarks that end its bones.
@@ -54,13 +59,44 @@ class Bones:
         distance: Floats = np.linalg.norm(points[:, None] - near, axis=-1)
         return near, distance
 
+    def require_near(self, vertices: Floats) -> None:
+        """Refuse bones that are not those of a mesh (V, 3): in another unit, or other axes.
+
+        Raises:
+            InputError: most of the mesh is far from all of them, or they are larger by far.
+        """
+        ends = np.concatenate((self.start, self.end))
+        bones, mesh = (float(np.linalg.norm(np.ptp(each, 0))) for each in (ends, vertices))
+        far = float(
+            np.median(self.nearest_points(vertices[:: len(vertices) // _SOME + 1])[1].min(1))
+        )
+        if not mesh / _LARGER <= bones <= mesh * _LARGER or far > _FAR * bones:
+            raise InputError(
+                f"bones are not those of the mesh: they extend over {bones:.3g}, the mesh over "
+                f"{mesh:.3g}, and half of it is more than {far:.3g} from any; expected both in "
+                "metres, in the same pose and with the same axis up"
+            )
+
 
 def skeleton_bones(positions: Mapping[str, Floats]) -> Bones:
     """Bones of the skeleton from rest positions of its joints and landmarks, (3,) metres each.
 
     Hands end in the middle of the fingers, heels below the ankle on the level of the toes.
+
+    Raises:
+        InputError: one is missing, or is no place.
     """
     at = {name: np.asarray(place, dtype=np.float64) for name, place in positions.items()}
+    missing = [name for name in (*JOINTS, *LANDMARK_ENDS) if name not in at]
+    if missing:
+        names = ", ".join((*JOINTS, *LANDMARK_ENDS))
+        raise InputError(f"joints lack {', '.join(missing)}; give positions of {names}")
+    for name, place in at.items():
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise InputError(
+                f"{name} is at {place.tolist()!s:.60}, an array {place.shape}; expected a place "
+                "(3,), metres"
+            )
     for side in "lr":
         wrist, ankle = at[f"{side}_wrist"], at[f"{side}_ankle"]
         at[f"{side}_hand"] = wrist + _HAND * (wrist - at[f"{side}_elbow"])
