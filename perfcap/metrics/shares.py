@@ -20,7 +20,7 @@ AUC_THRESHOLDS = tuple(range(0, 151, 5))  # mm
 TORSO_SHARE = 0.2  # of the torso's diagonal, Yang and Ramanan 2013
 HEAD_SHARE = 0.5  # of the head's length, Andriluka et al. 2014
 _LARGEST_SHARE = 2.0
-_NEAR = 0.01  # of the largest threshold: so near are metres, and hardly an estimate
+_NEAR = 0.005  # of the largest threshold: so near are metres, and hardly an estimate
 # Of what joints span, of a torso, a head or a box; and joints of a frame that show it
 _LARGEST_SIZE, _SMALLEST_SIZE, _WHOLE = 2.0, 0.01, 8
 _TORSO = (5, 8)  # left shoulder, right hip

@@ -27,7 +27,8 @@ def test_the_right_actor_is_not_spoken_of() -> None:
 
 def test_an_actor_of_another_size_is_told() -> None:
     take = make_take(20, views=3)
-    large = take.actor.resized(everywhere(take.actor, 1.1))
+    with pytest.warns(UserWarning, match="these look like the factors"):
+        large = take.actor.resized(everywhere(take.actor, 1.1))
     (told,) = actor_doubts(large, take.cameras, take.detections, False)
     assert "m tall" in told and "metres" in told
     longer = take.actor.resized(everywhere(take.actor, 0.4))
