@@ -41,8 +41,7 @@ def require_lens(lens: tuple[float, float, float], longest: float) -> None:
             f"lens has a focal length of {numbers[0]:.4g} px of images {longest:.0f} px long, "
             "expected pixels, not millimetres: times the width in pixels by that of the sensor"
         )
-    shares = longest > 100 * _SHARES and (np.abs(numbers[1:]) < _SHARES).all()
-    if shares or (np.abs(numbers[1:]) > 3 * longest + 100).any():
+    if longest > 100 * _SHARES and (np.abs(numbers[1:]) < _SHARES).all():
         raise InputError(
             f"lens has its principal point at {numbers[1]:.4g}, {numbers[2]:.4g} of images "
             f"{longest:.0f} px long, expected pixels near the middle of the image"

@@ -23,6 +23,7 @@ from perfcap.pipeline.clip_problem import ClipProblem, Term
 from perfcap.pipeline.clock import Clock
 from perfcap.pipeline.far_limbs import without_far_limbs
 from perfcap.pipeline.floor import Floor
+from perfcap.pipeline.gap_doubts import gap_doubts
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
@@ -182,6 +183,7 @@ class Moved:
                 ),
                 *doubts(looked),
                 *result_doubts(problem, looked.motion, start.bones is not None),
+                *gap_doubts(looked.motion.translation.detach(), ranges(~start.seen), problem.rate),
             ),
             surface=looked.surface,
             refinement=looked.refinement,

@@ -160,6 +160,8 @@ def test_full_hessian_is_exact(name: str) -> None:
     direction = normal(*value.shape, seed=5) * value.abs().mean()
     if name == "bones":
         direction[0] = 0  # the root has no bone
+    if name == "intrinsics":
+        direction[..., 2, :] = 0  # of any camera 0 0 1
     slope, sensitivity = gradient(name, Implicit())
     assert (sensitivity == Sensitivity.EXACT).all()
     along = float((slope * direction).sum())
