@@ -11,6 +11,7 @@ from torch.nn.functional import one_hot
 
 from perfcap.detect.association.frame_doubts import frame_doubts
 from perfcap.detect.association.grouping import Groups, group_views
+from perfcap.detect.association.leap_doubts import leap_doubts
 from perfcap.detect.association.settle import Settled, own_limbs, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
@@ -108,6 +109,7 @@ def associate(
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
     about = (*_left_out(tracks, chosen), *_strangers(sightings, settled, groups, names))
+    about = (*leap_doubts(settled.points, rate), *about)
     notes = (*rate_doubts(rate), *wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
