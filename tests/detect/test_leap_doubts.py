@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -11,6 +12,7 @@ from torch import Tensor
 from perfcap.detect import associate
 from perfcap.detect.association.leap_doubts import leap_doubts
 from perfcap.detect.detections import Detections
+from perfcap.geometry.camera import Camera
 from perfcap.io import read_cameras, read_detections
 
 TRIO = Path(__file__).parents[3] / "shared" / "data" / "rendered_multi" / "dev_trio"
@@ -50,23 +52,46 @@ def test_who_comes_in_near_by_is_another(gap: int) -> None:
     assert not list(leap_doubts(points, RATE))
 
 
-@needs_data
-@pytest.mark.long
-@pytest.mark.parametrize("gap", [0, 3])
-def test_one_leaves_and_another_comes_in(gap: int) -> None:
+def crowd(frames: dict[int, slice]) -> tuple[Camera, Detections, list[Tensor]]:
+    """Four views of people, each listed in some frames alone; and where they are."""
     rig = read_cameras(TRIO / "cameras.json").select([0, 1, 2, 3])
     people = [
         read_detections([TRIO / f"person{k}" / "detections.npz"], views=6)[0].select([0, 1, 2, 3])
-        for k in (2, 1, 3)
+        for k in frames
     ]
-    sure = torch.stack([each.confidence2d for each in people]).double()
     places = torch.stack([each.joints2d for each in people]).double()
+    sure = torch.zeros_like(places[..., 0])
+    for own, each, part in zip(sure, people, frames.values(), strict=True):
+        own[part] = each.confidence2d[part].double()
     trusted = torch.zeros(places.shape[:3], dtype=torch.bool)
-    crowd = Detections(places, sure, None, trusted)
-    notes = associate(rig.cameras, crowd, RATE).notes
-    assert not any("leaps" in note for note in notes)
-    sure[1, 18:] = sure[2, : 18 + gap] = 0
-    found = associate(rig.cameras, crowd, RATE)
+    truth = [torch.from_numpy(np.load(TRIO / f"person{k}/gt.npz")["joints3d"]) for k in frames]
+    return rig.cameras, Detections(places, sure, None, trusted), truth
+
+
+@needs_data
+@pytest.mark.long
+def test_one_leaves_and_another_comes_in() -> None:
+    cameras, seen, _ = crowd({2: slice(36), 1: slice(36), 3: slice(36)})
+    assert not any("leaps" in note for note in associate(cameras, seen, RATE).notes)
+    cameras, seen, _ = crowd({2: slice(36), 1: slice(18), 3: slice(21, 36)})
+    found = associate(cameras, seen, RATE)
     assert len(found.people) == 2
     (told,) = [note for note in found.notes if "leaps" in note]
     assert "has one left and another come in?" in told
+
+
+@needs_data
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "frames",
+    [
+        {1: slice(36), 2: slice(18, 36), 3: slice(18)},
+        {1: slice(36), 2: slice(22), 3: slice(22, 36)},
+    ],
+)
+def test_who_stays_keeps_the_track(frames: dict[int, slice]) -> None:
+    """Rather than everybody being shifted by one, the one who left has no group any more."""
+    cameras, seen, truth = crowd(frames)
+    found = associate(cameras, seen, RATE)
+    apart = [(each - truth[0]).norm(dim=-1).nanmedian(-1).values for each in found.points]
+    assert min(float(each.nan_to_num().max()) for each in apart) < 0.1

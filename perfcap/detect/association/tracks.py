@@ -62,6 +62,7 @@ def bone_difference(one: Tensor, other: Tensor) -> Tensor:
 Floats = NDArray[np.float64]
 
 _SEEN = 0.02  # m that a group gains with each view: of two in one place, the better seen one
+_NOBODY = 0.3  # m that it costs to leave somebody who is here without a track, or one without them
 _ENDS = 3  # frames of a track that its end is judged by
 _COAST = 0.3  # s for which somebody unseen goes on as before
 
@@ -152,7 +153,8 @@ def _match(
     support = groups.support[rows]
     gaps = np.array([frame - track.end for track in tracks]) / rate
     gate = (config.stray + config.speed * np.minimum(gaps, _COAST))[:, None]
-    cost = np.where(apart < gate, apart - _SEEN * support, 1e3)
+    # a price, not a wall: else everybody is shifted by one rather than one track left without
+    cost = np.where(apart < gate, apart - _SEEN * support, _NOBODY)
     taken: list[Track | None] = [None] * len(rows)
     for i, j in zip(*linear_sum_assignment(cost), strict=True):
         if apart[i, j] < gate[i, 0]:
