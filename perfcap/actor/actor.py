@@ -23,6 +23,7 @@ from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_readable
 
 _LARGER = 20.0  # than itself, of an actor with other vertices
 _OTHER = 1e-3  # m, of landmarks at rest: another actor, not another precision
@@ -205,9 +206,7 @@ class Actor(nn.Module):
 
 def _is_looked_at(values: Tensor) -> bool:
     """Whether numbers are at hand: on a device they would be waited for."""
-    if torch.compiler.is_compiling() or values.device.type != "cpu" or not values.numel():
-        return False
-    return not torch._C._functorch.is_functorch_wrapped_tensor(values)
+    return values.device.type == "cpu" and values.numel() > 0 and is_readable(values)
 
 
 def _warn_of_degrees(motion: Motion) -> None:

@@ -84,15 +84,7 @@ def save_animation(
         mesh["primitives"][0]["targets"] = targets
         mesh["extras"] = {"targetNames": [f"frame_{i}" for i in range(len(targets))]}
         tracks.append((len(template.bone_names), "weights", gltf_morph.one_hot(len(targets))))
-    tree: Object = {
-        "asset": _asset(capture),
-        "scene": 0,
-        "scenes": [{"nodes": _top(template)}],
-        "nodes": _nodes(template),
-        "meshes": [mesh],
-        "skins": [_skin(buffer, template)],
-        **_material(buffer, template),
-    }
+    tree = _tree(buffer, template, mesh, capture)
     if upright is not None and not np.array_equal(upright, np.eye(3)):
         _hold_upright(tree, upright)
     if tracks:
@@ -101,6 +93,19 @@ def save_animation(
     tree["buffers"] = [{"byteLength": len(buffer.data)}]
     write_glb(Path(path), tree, buffer.data)
     return fits
+
+
+def _tree(buffer: Buffer, template: Template, mesh: Object, capture: str | None) -> Object:
+    """The document of a skinned mesh at rest, without what its buffer holds."""
+    return {
+        "asset": _asset(capture),
+        "scene": 0,
+        "scenes": [{"nodes": _top(template)}],
+        "nodes": _nodes(template),
+        "meshes": [mesh],
+        "skins": [_skin(buffer, template)],
+        **_material(buffer, template),
+    }
 
 
 def _checked(template: Template, bone_transforms: Floats, fps: float) -> Floats:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
+from perfcap.metrics.missing import PERSON
 from perfcap.rates import rate_doubts
 
 Floats = NDArray[np.float64]
 
-_PERSON = 100.0  # m from end to end; a person in centimetres has more
 _APART = 1e-3  # of the height: joints that hold together come nowhere near
-_SURFACE = 0.025  # of the height, in the median: more than clothes are loose by, skirts included
+SURFACE_APART = (
+    0.025  # of the height, in the median: more than clothes are loose by, skirts included
+)
 _GLOBAL = 1.5  # times the usual length of bones: how far from parents no joint moves
 _STRETCHED = 0.25  # of it: what hardly any joint comes nearer to its parent by
 _FASTEST = 15.0  # m/s, of roots in the middle frame; no runner is
@@ -32,7 +34,7 @@ def require_metres(block: NDArray[Any], name: str) -> None:
     if block.ndim != 3 or not block.size:
         return
     span = float(np.ptp(block[0], axis=0).max())
-    if span > _PERSON:
+    if span > PERSON:
         raise InputError(
             f"{name} spans {span:.4g} from end to end in a frame, expected metres; convert it"
         )
@@ -138,7 +140,7 @@ def warn_of_surface(apart: Floats, level: int) -> None:
         apart: how far vertices lie from the skin in the median, (F,), shares of the height.
         level: of the caller who is warned.
     """
-    far = apart > _SURFACE
+    far = apart > SURFACE_APART
     if 2 * far.sum() > len(apart):
         warnings.warn(
             f"surface is not that of the motion: {far.sum()} of {len(apart)} frames are up to "

@@ -13,11 +13,10 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.io.written_checks import SURFACE_APART
 
 BLOCK = 16  # frames in memory at once
 _LOOKED_AT = 9  # frames that are compared with the motion
-# of the person's height, in the median: more than clothes are loose by, skirts included
-_APART = 0.025
 
 
 class SurfaceFrames(Protocol):
@@ -104,7 +103,7 @@ def surface_doubts(surface: SurfaceFrames, actor: Actor, motion: Motion) -> Iter
         if kept.shape != skin.shape:  # files refuse it
             return
         apart.append(float((kept - skin).norm(dim=-1).nanmedian()) / height)
-    far = [each for each in apart if each > _APART]
+    far = [each for each in apart if each > SURFACE_APART]
     if 2 * len(far) > len(apart):
         yield (
             f"the surface is not that of the motion: {len(far)} of {len(apart)} frames looked at "

@@ -34,8 +34,10 @@ def test_a_rig_of_the_template_is_right() -> None:
     longer = ACTOR.resized(torch.full((GROUPS,), 0.3))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Actor(ACTOR.template, with_limits(RIG, {hinge.name: (-0.1, 0.1)}))
-        Actor(longer.template, longer.skeleton.rig)
+        limited = Actor(ACTOR.template, with_limits(RIG, {hinge.name: (-0.1, 0.1)}))
+        assert limited.skeleton.angle_names == ACTOR.skeleton.angle_names
+        same = Actor(longer.template, longer.skeleton.rig)
+    torch.testing.assert_close(same.skeleton.rest_landmarks, longer.skeleton.rest_landmarks)
 
 
 @pytest.mark.parametrize("scale", [1000.0, 0.001])

@@ -56,7 +56,7 @@ def test_a_root_that_stays_behind_is_no_mistake(tmp_path: Path) -> None:
     """As in game engines, whose pelvis moves against a root on the floor."""
     still = TRANSFORMS.copy()
     still[:, 0] = np.eye(4)
-    save_animation(tmp_path / "a.glb", TEMPLATE, still, 24.0)
+    assert save_animation(tmp_path / "a.glb", TEMPLATE, still, 24.0)
 
 
 def test_a_surface_of_other_frames_or_units(tmp_path: Path) -> None:

@@ -64,3 +64,4 @@ def test_a_surface_of_its_motion_and_one_wrong_frame_say_nothing(
     place = surfaced.motion.translation.clone()
     place[4:7] += 0.5
     replace(surfaced, motion=replace(surfaced.motion, translation=place)).save(tmp_path)
+    assert (tmp_path / "surface.npz").exists()
