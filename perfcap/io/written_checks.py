@@ -16,9 +16,9 @@ from perfcap.rates import rate_doubts
 Floats = NDArray[np.float64]
 
 _APART = 1e-3  # of the height: joints that hold together come nowhere near
-SURFACE_APART = (
-    0.025  # of the height, in the median: more than clothes are loose by, skirts included
-)
+SURFACE_APART = 0.025
+"""Of the height, in the median: more than clothes are loose by, skirts included."""
+
 _GLOBAL = 1.5  # times the usual length of bones: how far from parents no joint moves
 _STRETCHED = 0.25  # of it: what hardly any joint comes nearer to its parent by
 _FASTEST = 15.0  # m/s, of roots in the middle frame; no runner is
