@@ -26,6 +26,7 @@ from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
+from perfcap.io.doctor.seams import examine_seams
 from perfcap.io.doctor.shrunk import examine_shrunk
 from perfcap.io.doctor.sides import examine_limbs_of_view, examine_sides
 from perfcap.io.doctor.sparse import examine_sparse
@@ -73,13 +74,13 @@ def examine_detections(
         return findings
     findings += _copied(rig.names, detections)
     plane = rig.cameras.to_plane(detections.joints2d)
-    for view, name in enumerate(rig.names):
+    orders = _orders(rig, detections, alone=alone, successive=successive)
+    if successive and not rig.cameras.moving and not all(orders):
+        findings += examine_seams(rig.names, detections.joints2d, detections.confidence2d)
+    for view, (name, order) in enumerate(zip(rig.names, orders, strict=True)):
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
         shown = detections.joints2d[:, view], detections.confidence2d[:, view]
-        order = _order(name, view, detections, successive)
-        if successive and not rig.cameras.moving:
-            order = order or examine_jumps(name, *shown, alone=alone)
         repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated + examine_grid(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
@@ -144,6 +145,20 @@ def _poses3d(
         wrong = wrong or examine_turned_poses(name, view, *shown, every, trusted)
         wrong = wrong or examine_crossed_parts(name, known, (view,))
     return [*_pose3d(name, pose), *wrong]
+
+
+def _orders(
+    rig: CameraRig, detections: Detections, *, alone: bool, successive: bool
+) -> list[list[Finding]]:
+    """Of each view, frames in a wrong order, or joints that go over to another person."""
+    orders = []
+    for view, name in enumerate(rig.names):
+        found = _order(name, view, detections, successive)
+        if successive and not rig.cameras.moving:
+            shown = detections.joints2d[:, view], detections.confidence2d[:, view]
+            found = found or examine_jumps(name, *shown, alone=alone)
+        orders.append(found)
+    return orders
 
 
 def _order(name: str, view: int, detections: Detections, successive: bool) -> list[Finding]:

@@ -8,11 +8,11 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.paths import WINDOW, meeting, peaks
 
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 _SHOULDERS = [LANDMARKS.index(name) for name in ("r_shoulder", "l_shoulder")]
 _SURE = 0.3  # confidence
-_WINDOW, _FEWEST = 4, 3  # frames before and after, and how many of them must be seen
 _FAR = 0.2  # of the body's size; the fastest dancers reach 0.15 where they land
 _USUAL = 8.0  # times the usual jump of a clip: where frames are few and joints noisy
 _AWAY = 1.0  # of the size: whoever is found so far from where somebody was lost
@@ -52,47 +52,21 @@ def examine_jumps(
 
 def _jumps(pixels: Tensor, confidence: Tensor, size: float) -> list[int]:
     """Frames before which both middles of the trunk jump."""
-    if len(pixels) < 2 * _WINDOW:
+    if len(pixels) < 2 * WINDOW:
         return []
     # a side that is exchanged moves neither middle; a joint that is lost moves one of them
-    both = [_meeting(*_middle(pixels, confidence, part)) for part in (_HIPS, _SHOULDERS)]
+    both = [meeting(*_middle(pixels, confidence, part))[0] for part in (_HIPS, _SHOULDERS)]
     jump = torch.minimum(*both) / size
     known = jump[jump.isfinite()]
     if not len(known):
         return []
     far = max(_FAR, _USUAL * float(known.median()))
-    # of the frames whose lines see the same jump, the one that sees it best
-    reach = 2 * _WINDOW - 1
-    best = torch.nn.functional.max_pool1d(jump.nan_to_num(0.0)[None], reach, 1, reach // 2)[0]
-    return ((jump > far) & (jump == best)).nonzero()[:, 0].tolist()
+    return (peaks(jump, far).nonzero()[:, 0] + 1).tolist()
 
 
 def _middle(pixels: Tensor, confidence: Tensor, part: list[int]) -> tuple[Tensor, Tensor]:
     """Middle (F, 2) of two joints, and in which frames both are sure, (F,)."""
     return pixels[:, part].mean(1), (confidence[:, part] > _SURE).all(-1)
-
-
-def _meeting(path: Tensor, known: Tensor) -> Tensor:
-    """Distance between the path before each frame and the one from it on, (F,) px, or NaN."""
-    before = _continued(path, known)
-    after = _continued(path.flip(0), known.flip(0)).flip(0)
-    apart: Tensor = (before[:-1] - after[1:]).norm(dim=-1)
-    return torch.cat((apart.new_full((1,), torch.nan), apart))
-
-
-def _continued(path: Tensor, known: Tensor) -> Tensor:
-    """Half a frame after each one, by the line through the last four, (F, 2); NaN of too few."""
-    ahead = _WINDOW - 1
-    places = torch.nn.functional.pad(path.T, (ahead, 0)).T.unfold(0, _WINDOW, 1)  # F 2 W
-    weight = torch.nn.functional.pad(known.to(path), (ahead, 0)).unfold(0, _WINDOW, 1)  # F W
-    time = torch.arange(_WINDOW).to(path) - _WINDOW + 0.5
-    total, first, second = (
-        (weight * time**power).sum(-1, keepdim=True) for power in (0, 1, 2)
-    )  # F 1 each
-    places = torch.where(weight.unsqueeze(1) > 0, places, 0)
-    value, slope = places.sum(-1), (places * time).sum(-1)
-    found = (second * value - first * slope) / (total * second - first**2)
-    return torch.where(total >= _FEWEST, found, torch.nan)
 
 
 def _returns(pixels: Tensor, confidence: Tensor, size: float) -> list[int]:
