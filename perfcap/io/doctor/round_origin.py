@@ -1,0 +1,50 @@
+"""Translations of a camera that turns which do not change, as where it stands was written in t."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import torch
+
+from perfcap.geometry.rotation import matrix_to_rotvec
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.finding import Finding, Severity
+
+_EXACT = 1e-6  # of its length: a copy
+_TURNS = math.radians(1)  # at least
+_MOVES = 0.05  # m, of the camera's centre; less is no matter
+_CENTRED = 0.02  # tangent of the angle from the optical axis, of what a camera goes round
+
+
+def examine_translations(rig: CameraRig) -> Iterator[Finding]:
+    """Views that turn while their translation stays, so that they go round the world's origin.
+
+    A camera on a tripod has one place C and t = -R C, which changes with R. One that does go round
+    the origin, as in renderings and before turntables, looks at it.
+
+    Args:
+        rig: C views.
+    """
+    if rig.cameras.rotation.dim() != 4:
+        return
+    for view, name in enumerate(rig.names):
+        turns, shifts = rig.cameras.rotation[:, view], rig.cameras.translation[:, view]
+        shift = shifts[0]
+        if float((shifts - shift).norm(dim=-1).max()) > _EXACT * float(shift.norm()):
+            continue
+        centred = float(shift[:2].norm()) < _CENTRED * float(shift[2].abs())
+        turned = float(matrix_to_rotvec(turns[0].mT @ turns).norm(dim=-1).max())
+        moved = float(torch.cdist(rig.cameras.centre[:1, view], rig.cameras.centre[:, view]).max())
+        if centred or turned < _TURNS or moved < _MOVES:
+            continue
+        what = (
+            f"its translation is the same in every frame while it turns by "
+            f"{math.degrees(turned):.1f} degrees, so that it goes round the world's origin, "
+            f"{float(shift.norm()):.3g} m away, by {moved:.2g} m"
+        )
+        remedy = (
+            "if it stands on a tripod at C, give t = -R C with the R of each frame; t is neither C "
+            "nor that of the first frame"
+        )
+        yield Finding(Severity.WARNING, name, what, remedy)
