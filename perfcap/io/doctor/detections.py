@@ -75,13 +75,13 @@ def examine_detections(
     findings += _copied(rig.names, detections)
     plane = rig.cameras.to_plane(detections.joints2d)
     orders = _orders(rig, detections, alone=alone, successive=successive)
-    if successive and not rig.cameras.moving and not all(orders):
+    again = [examine_repeated(name, i, *_given(i, detections)) for i, name in enumerate(rig.names)]
+    if successive and not (rig.cameras.moving or all(orders) or any(again)):
         findings += examine_seams(rig.names, detections.joints2d, detections.confidence2d)
-    for view, (name, order) in enumerate(zip(rig.names, orders, strict=True)):
+    for view, (name, order, repeated) in enumerate(zip(rig.names, orders, again, strict=True)):
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
         shown = detections.joints2d[:, view], detections.confidence2d[:, view]
-        repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated + examine_grid(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         findings += examine_doubled(name, detections.joints2d[:, view], confident)
