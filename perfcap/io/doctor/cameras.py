@@ -13,6 +13,7 @@ from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig, match_image
 from perfcap.io.doctor.camera_jumps import examine_poses
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.held_poses import examine_held_poses
 from perfcap.io.doctor.round_origin import examine_translations
 
 # --- Cameras that no recording was made with, although every number in them is a number -----------
@@ -89,8 +90,8 @@ def examine_cameras(
         findings += _sizes(rig, video_sizes, maps)
     for view in range(len(rig.names)):
         findings += _lens(rig, view)
-    poses = [*examine_poses(rig, first), *examine_translations(rig)]
-    return [*findings, *impossible_cameras(rig), *_units(rig), *poses]
+    ways = [*examine_poses(rig, first), *examine_translations(rig), *examine_held_poses(rig)]
+    return [*findings, *impossible_cameras(rig), *_units(rig), *ways]
 
 
 def _sizes(
