@@ -52,6 +52,7 @@ from perfcap.pipeline.surroundings import axis
 
 _LOG = logging.getLogger(__name__)
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
+_MOVED = 0.03  # m, up or down; less is how well floors are found
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,28 @@ def _retargeted(request: Retarget) -> list[_Part]:
         for (_, name), rig, target in zip(people, rigs, targets, strict=True)
     ]
     placed = on_their_floors([(part.found, part.target) for part in parts])
-    return [replace(part, found=found) for part, found in zip(parts, placed, strict=True)]
+    cut = _is_part(request)
+    return [
+        replace(part, found=found, doubts=(*part.doubts, *(_own_floor(part.found) if cut else ())))
+        for part, found in zip(parts, placed, strict=True)
+    ]
+
+
+def _is_part(request: Retarget) -> bool:
+    """Whether some frames of a file are asked for, other than all, or all but a rest pose."""
+    frames = parse_frames(request.frames)
+    return not request.source.is_dir() and (frames.stop is not None or frames.start > 1)
+
+
+def _own_floor(found: Retargeted) -> Iterator[str]:
+    """How far these frames were moved to a floor that others of the file may not have."""
+    lowered = found.lowered or 0.0
+    if abs(lowered) > _MOVED:
+        yield (
+            f"moved {'down' if lowered > 0 else 'up'} by {abs(lowered):.2g} m, so that the floor "
+            "that feet stand on in these frames is at y = 0; other parts of the file may have "
+            "another one: --floor none leaves all where they are"
+        )
 
 
 def _config(request: Retarget) -> RetargetConfig:
@@ -163,7 +185,7 @@ def _solved(
     rig = replace(rig, notes=(*rig.notes, *notes))
     scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
     part = _Part(name, rig, joints, target, found, scores, about_target)
-    return replace(part, doubts=tuple(_doubts(part)))
+    return replace(part, doubts=tuple(_doubts(part, grounded=config.contact.enabled)))
 
 
 def _write(request: Retarget, folder: Path, parts: Sequence[_Part]) -> None:
@@ -215,11 +237,11 @@ def _about(request: Retarget) -> dict[str, Any]:
     }}  # fmt: skip
 
 
-def _doubts(part: _Part) -> Iterator[str]:
+def _doubts(part: _Part, *, grounded: bool) -> Iterator[str]:
     """What no person does, and what no person can have done on this figure."""
     numbers = part.rig.frames.tolist()
     came = part.target, part.found, part.scores, part.rig.rate, numbers
-    yield from retarget_doubts(*came, mapping="--source-mapping")
+    yield from retarget_doubts(*came, grounded=grounded, mapping="--source-mapping")
     if not _RATES[0] <= part.rig.rate <= _RATES[1]:
         yield f"the source runs at {part.rig.rate:.4g} frames a second; check its frame time"
 

@@ -107,8 +107,8 @@ def floor_doubts(joints: Tensor) -> Iterator[str]:
     if abs(least) > _OFF_FLOOR:
         where = "above" if least > 0 else "below"
         yield (
-            f"the person is {abs(least):.2g} m {where} the floor in half of the frames; check the "
-            "unit of the source's places against that of its bones"
+            f"the person is {abs(least):.2g} m {where} the floor in half of the frames; unless "
+            "they climb, check the unit of the source's places against that of its bones"
         )
 
 

@@ -36,6 +36,7 @@ def examine_seams(names: Sequence[str], pixels: Tensor, confidence: Tensor) -> l
     if len(pixels) < 2 * WINDOW:
         return []
     known = (confidence > _SURE) & pixels.isfinite().all(-1)
+    known[1:] &= (pixels.diff(dim=0) != 0).any(-1).any(-1, keepdim=True)  # held ones show no way
     apart = torch.stack(
         [_apart(*view) for view in zip(pixels.unbind(1), known.unbind(1), strict=True)], 1
     )
