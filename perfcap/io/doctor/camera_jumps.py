@@ -13,6 +13,7 @@ from torch import Tensor
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.ways import given_ways
 
 _TURN, _SHIFT = math.radians(4), 0.3  # m; a hand does not shake by so much within one frame
 _TIMES = 10.0  # what is usual; the largest of 10 000 normal departures is 3 times their median
@@ -31,10 +32,8 @@ def examine_poses(rig: CameraRig, first: int = 0) -> Iterator[Finding]:
         rig: C views.
         first: number of the first pose, as users count frames.
     """
-    if rig.cameras.intrinsics.dim() != 4:
-        return
-    for view, name in enumerate(rig.names):
-        turns, places = rig.cameras.rotation[:, view], rig.cameras.centre[:, view]
+    for way in given_ways(rig):
+        view, name, turns, places = way.view, way.name, way.rotation, way.centre
         lost = _unsolved(turns, places)
         if lost:
             what = (

@@ -10,6 +10,7 @@ import torch
 
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.ways import given_ways
 
 _FEWEST = 3  # stretches of frames with one pose
 _MOST_ARE = 0.7  # share of the poses that stay for two frames or more
@@ -24,11 +25,9 @@ def examine_held_poses(rig: CameraRig) -> Iterator[Finding]:
     Args:
         rig: C views.
     """
-    if rig.cameras.rotation.dim() != 4:
-        return
-    for view, name in enumerate(rig.names):
-        turns, shifts = rig.cameras.rotation[:, view], rig.cameras.translation[:, view]
-        moves = (turns.diff(dim=0) != 0).any(-1).any(-1) | (shifts.diff(dim=0) != 0).any(-1)
+    for way in given_ways(rig):
+        turns, shifts = (part.diff(dim=0) != 0 for part in (way.rotation, way.translation))
+        moves = turns.any(-1).any(-1) | shifts.any(-1)
         poses = torch.cat((moves.new_zeros(1), moves)).cumsum(0).tolist()
         lengths = [len(list(frames)) for _, frames in groupby(poses)]
         held = [length for length in lengths if length > 1]
@@ -42,4 +41,4 @@ def examine_held_poses(rig: CameraRig) -> Iterator[Finding]:
             "were every few images solved alone? Solve all of them, or give the others poses "
             "between; if the camera rests, give one pose"
         )
-        yield Finding(Severity.WARNING, name, what, remedy)
+        yield Finding(Severity.WARNING, way.name, what, remedy)

@@ -10,28 +10,25 @@ WINDOW = 4
 _FEWEST = 3  # of them, that must be known
 
 
-def meeting(places: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+def meeting(places: Tensor, known: Tensor, other: list[int] | None = None) -> tuple[Tensor, Tensor]:
     """Lines through the frames before and after each moment between two, continued to it.
 
     Args:
         places: (F, ..., D).
         known: which of them count, (F, ...).
+        other: of joints (F, J, D), the one that each may go on as instead, if that is nearer.
 
     Returns:
         How far the line that ends there is from the one that begins there, (F - 1, ...); and how
         far places lie from both lines, root mean squares added up. NaN where too few are known.
     """
-    before, beside = _continued(places, known)
-    after, along = (each.flip(0) for each in _continued(places.flip(0), known.flip(0)))
-    return (before[:-1] - after[1:]).norm(dim=-1), beside[:-1] + along[1:]
-
-
-def crossing(places: Tensor, known: Tensor, other: list[int]) -> Tensor:
-    """The same distances where each joint (F, J, D) goes on as another one, (F - 1, J)."""
-    before, _ = _continued(places, known)
-    after, _ = _continued(places.flip(0), known.flip(0))
-    apart: Tensor = (before[:-1] - after.flip(0)[1:, other]).norm(dim=-1)
-    return apart
+    before, beside = (each[:-1] for each in _continued(places, known))
+    after, along = (each.flip(0)[1:] for each in _continued(places.flip(0), known.flip(0)))
+    apart = (before - after).norm(dim=-1)
+    if other is not None:
+        instead = (before - after[:, other]).norm(dim=-1)
+        apart = torch.where(apart.isfinite(), torch.fmin(apart, instead), apart)
+    return apart, beside + along
 
 
 def peaks(height: Tensor, least: float) -> Tensor:

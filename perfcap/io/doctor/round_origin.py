@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import torch
-
 from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.ways import given_ways
 
 _EXACT = 1e-6  # of its length: a copy
 _TURNS = math.radians(1)  # at least
@@ -26,16 +25,13 @@ def examine_translations(rig: CameraRig) -> Iterator[Finding]:
     Args:
         rig: C views.
     """
-    if rig.cameras.rotation.dim() != 4:
-        return
-    for view, name in enumerate(rig.names):
-        turns, shifts = rig.cameras.rotation[:, view], rig.cameras.translation[:, view]
-        shift = shifts[0]
-        if float((shifts - shift).norm(dim=-1).max()) > _EXACT * float(shift.norm()):
+    for way in given_ways(rig):
+        shift = way.translation[0]
+        if float((way.translation - shift).norm(dim=-1).max()) > _EXACT * float(shift.norm()):
             continue
         centred = float(shift[:2].norm()) < _CENTRED * float(shift[2].abs())
-        turned = float(matrix_to_rotvec(turns[0].mT @ turns).norm(dim=-1).max())
-        moved = float(torch.cdist(rig.cameras.centre[:1, view], rig.cameras.centre[:, view]).max())
+        turned = float(matrix_to_rotvec(way.rotation[0].mT @ way.rotation).norm(dim=-1).max())
+        moved = float((way.centre - way.centre[0]).norm(dim=-1).max())
         if centred or turned < _TURNS or moved < _MOVES:
             continue
         what = (
@@ -47,4 +43,4 @@ def examine_translations(rig: CameraRig) -> Iterator[Finding]:
             "if it stands on a tripod at C, give t = -R C with the R of each frame; t is neither C "
             "nor that of the first frame"
         )
-        yield Finding(Severity.WARNING, name, what, remedy)
+        yield Finding(Severity.WARNING, way.name, what, remedy)

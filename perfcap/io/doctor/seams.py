@@ -10,7 +10,7 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.finding import Finding, Severity, ranges
-from perfcap.io.doctor.paths import WINDOW, crossing, meeting, peaks
+from perfcap.io.doctor.paths import WINDOW, meeting, peaks
 
 _SURE = 0.3  # confidence
 _JOINTS = 8  # that go on elsewhere, or do not, at least
@@ -66,9 +66,8 @@ def _apart(pixels: Tensor, known: Tensor) -> Tensor:
     size = body_size(pixels, known)
     if size is None:
         return pixels.new_full((len(pixels) - 1,), torch.nan)
-    own, crooked = meeting(pixels, known)
-    nearer = torch.fmin(own, crossing(pixels, known, _MIRRORED))
-    beyond = torch.where(own.isfinite(), (nearer - crooked).clamp(min=0), torch.nan)
+    off, crooked = meeting(pixels, known, _MIRRORED)
+    beyond = (off - crooked).clamp(min=0)
     both = known[1:] & known[:-1]
     steps = torch.where(both, pixels.diff(dim=0).norm(dim=-1), torch.nan).nanmedian(-1).values
     fast = float(steps.nanquantile(_FAST))
