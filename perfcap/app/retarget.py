@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 
 from perfcap import __version__
@@ -19,7 +18,7 @@ from perfcap.app.capture_folder import named_people, spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.said import all_said, hearing
-from perfcap.app.together import level_rigs, on_their_floors
+from perfcap.app.together import joints_of, level_rigs, on_their_floors, part_of
 from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -52,7 +51,6 @@ from perfcap.pipeline.surroundings import axis
 
 _LOG = logging.getLogger(__name__)
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
-_MOVED = 0.03  # m, up or down; less is how well floors are found
 
 
 @dataclass(frozen=True)
@@ -110,37 +108,21 @@ def _retargeted(request: Retarget) -> list[_Part]:
             "each"
         )
     targets = actors * len(people) if len(actors) == 1 else actors
-    rigs = level_rigs([_read(request, place, mapping) for place, _ in people])
+    rigs = [_read(request, place, mapping) for place, _ in people]
+    wholes = rigs
+    if request.frames is not None:  # the floor, and what is up, are those of the whole file
+        wholes = [read_moving_rig(place, mapping=mapping) for place, _ in people]
+    wholes = level_rigs(wholes)
+    rigs = [part_of(whole, rig) for whole, rig in zip(wholes, rigs, strict=True)]
     ratios = [leg_length(t) / leg_length(r.actor) for (t, _), r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
     config = _config(request)
     parts = [
-        _solved(name, rig, *target, scale, config)
-        for (_, name), rig, target in zip(people, rigs, targets, strict=True)
+        _solved(name, rig, whole, *target, scale, config)
+        for (_, name), rig, whole, target in zip(people, rigs, wholes, targets, strict=True)
     ]
     placed = on_their_floors([(part.found, part.target) for part in parts])
-    cut = _is_part(request)
-    return [
-        replace(part, found=found, doubts=(*part.doubts, *(_own_floor(part.found) if cut else ())))
-        for part, found in zip(parts, placed, strict=True)
-    ]
-
-
-def _is_part(request: Retarget) -> bool:
-    """Whether some frames of a file are asked for, other than all, or all but a rest pose."""
-    frames = parse_frames(request.frames)
-    return not request.source.is_dir() and (frames.stop is not None or frames.start > 1)
-
-
-def _own_floor(found: Retargeted) -> Iterator[str]:
-    """How far these frames were moved to a floor that others of the file may not have."""
-    lowered = found.lowered or 0.0
-    if abs(lowered) > _MOVED:
-        yield (
-            f"moved {'down' if lowered > 0 else 'up'} by {abs(lowered):.2g} m, so that the floor "
-            "that feet stand on in these frames is at y = 0; other parts of the file may have "
-            "another one: --floor none leaves all where they are"
-        )
+    return [replace(part, found=found) for part, found in zip(parts, placed, strict=True)]
 
 
 def _config(request: Retarget) -> RetargetConfig:
@@ -168,16 +150,26 @@ def _read(request: Retarget, place: Path, mapping: ActorMapping | None) -> Movin
 def _solved(
     name: str,
     rig: MovingRig,
+    whole: MovingRig,
     target: Actor,
     about_target: tuple[str, ...],
     scale: float,
     config: RetargetConfig,
 ) -> _Part:
-    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    joints = joints_of(rig)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", UserWarning)
         try:
-            found = retarget(rig.actor, joints, target, rig.rate, config, scale, examined=True)
+            found = retarget(
+                rig.actor,
+                joints,
+                target,
+                rig.rate,
+                config,
+                scale,
+                whole=joints_of(whole),
+                examined=True,
+            )
         finally:  # what is odd about the motion may be why it is refused
             notes = tuple(str(each.message) for each in told if each.category is UserWarning)
             for note in notes:

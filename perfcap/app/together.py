@@ -42,8 +42,26 @@ def level_rigs(rigs: Sequence[MovingRig]) -> list[MovingRig]:
     ]
 
 
+def part_of(whole: MovingRig, part: MovingRig) -> MovingRig:
+    """A part in the world of all of it, with what was said of the part."""
+    chosen = np.isin(whole.frames, part.frames)
+    return replace(
+        whole,
+        rotation=whole.rotation[chosen],
+        position=whole.position[chosen],
+        frames=whole.frames[chosen],
+        notes=part.notes,
+        about=part.about,
+    )
+
+
+def joints_of(rig: MovingRig) -> JointMotion:
+    """The motion of a person's joints, as ``retarget`` takes it."""
+    return JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+
+
 def _landmarks(rig: MovingRig) -> Tensor:
-    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    joints = joints_of(rig)
     return carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
 
 

@@ -13,9 +13,7 @@ import math
 import warnings
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -46,6 +44,7 @@ from perfcap.pipeline.pose_paths import Pace, in_turn, paced
 from perfcap.pipeline.retarget_doubts import retarget_doubts, scale_doubts
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.retarget_scores import retarget_scores
+from perfcap.pipeline.robot_feet import above_floor, grounded
 from perfcap.pipeline.stances import contact_probability
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.pipeline.track_motion import MotionBlender
@@ -87,6 +86,7 @@ def retarget(
     config: RetargetConfig | None = None,
     scale: float | None = None,
     *,
+    whole: JointMotion | None = None,
     examined: bool = False,
 ) -> Retargeted:
     """The motion of a source on a target of another build and rest pose.
@@ -99,6 +99,7 @@ def retarget(
         config: what is to be kept how well.
         scale: of the way of the hips; the ratio of the legs if None. People who are to stay
             together need the same.
+        whole: of which ``joints`` are a part: the floor is that on which feet stand in all of it.
         examined: whether the caller looks at what came of it; else what is odd is warned of, see
             ``retarget_doubts``.
 
@@ -107,6 +108,8 @@ def retarget(
     """
     rate = frame_rate(rate)
     _require_arguments(source, joints, target)
+    whole = joints if whole is None else whole
+    _require_arguments(source, whole, target, "whole")
     points = carried_landmarks(source.skeleton, joints)[:, : len(LANDMARKS)]
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
@@ -119,7 +122,7 @@ def retarget(
     scale = ratio if scale is None else scale
     for line in (*rate_doubts(rate), *doubts, *scale_doubts(ratio, scale)):
         warnings.warn(f"retarget: {line}", stacklevel=2)
-    found = _carried(source, joints, target, rate, config, scale)
+    found = _carried(source, joints, whole, target, rate, config, scale)
     if not examined:
         scores = retarget_scores(source, joints, target, found, rate)
         came = target, found, scores, rate, range(found.motion.frames)
@@ -131,6 +134,7 @@ def retarget(
 def _carried(
     source: Actor,
     joints: JointMotion,
+    whole: JointMotion,
     target: Actor,
     rate: float,
     config: RetargetConfig,
@@ -139,7 +143,7 @@ def _carried(
     """The motion, on the floor if there is one."""
     wanted = wanted_turns(source, joints, target.skeleton)
     begun = _placed(source, joints, target, wanted, scale)
-    floor, sure = _contacts(source, joints, rate)
+    floor, sure = _contacts(source, joints, whole, rate)
     rows = Rows.of(source, joints, target, begun, config)
     first = _each(target, rows, begun, config)
     if target.skeleton.rig.roles:
@@ -168,8 +172,10 @@ def _carried(
     return Retargeted(level, floor, standing.feet, scale, float(ground.height))
 
 
-def _require_arguments(source: object, joints: object, target: object) -> None:
-    given = ("source", source, Actor), ("joints", joints, JointMotion), ("target", target, Actor)
+def _require_arguments(
+    source: object, joints: object, target: object, called: str = "joints"
+) -> None:
+    given = ("source", source, Actor), (called, joints, JointMotion), ("target", target, Actor)
     for name, value, kind in given:
         if not isinstance(value, kind):
             raise InputError(
@@ -200,14 +206,18 @@ def _placed(
     return Motion(place, matrix_to_rotvec(turn), angles)
 
 
-def _contacts(source: Actor, joints: JointMotion, rate: float) -> tuple[Floor, Tensor]:
+def _contacts(
+    source: Actor, joints: JointMotion, whole: JointMotion, rate: float
+) -> tuple[Floor, Tensor]:
     """The source's floor, and the probability that each point under its feet stands, (F, N)."""
-    points = carried_landmarks(sole_skeleton(source), joints)
+    skeleton = sole_skeleton(source)
+    points = carried_landmarks(skeleton, whole)
     soles, landmarks = points[:, -SOLES:], points[:, :-SOLES]
     floor = find_floor(landmarks, soles, rate, normal=points.new_tensor(_UP))
     for line in lean_doubts(landmarks, soles, rate, floor):
         warnings.warn(f"retarget: {line}", stacklevel=4)
-    return floor, contact_probability(soles, floor, rate)
+    own = soles if whole is joints else carried_landmarks(skeleton, joints)[:, -SOLES:]
+    return floor, contact_probability(own, floor, rate)
 
 
 def _each(target: Actor, rows: Rows, begun: Motion, config: RetargetConfig) -> Motion:
@@ -287,61 +297,3 @@ def _solved(
     method = LevenbergMarquardt(config.steps, 1e-4, 1e-2)
     objective = Objective(energies).to(begun.angles.device)
     return solve(objective, begun, method, bounds or angle_bounds(target)).state
-
-
-# --- Feet of robots out of the floor, with the whole of their shapes ------------------------------
-
-_ALLOWED = 0.004  # m below the floor that are left
-_TIME = 0.05  # s over which a lift comes and goes
-
-
-def above_floor(actor: Actor, motion: Motion, rate: float) -> Motion:
-    """The motion lifted where a foot's lowest vertex is below y = 0, smoothly in time.
-
-    Four points stand for the sole in the solve; corners of a foot that is rolled may be below them.
-
-    Args:
-        actor: with a mesh, standing along y.
-        motion: (F,).
-        rate: frames a second.
-    """
-    depth = (-_lowest(actor, motion) - _ALLOWED).clamp(min=0).double().numpy(force=True)
-    if not depth.any():
-        return motion
-    width = max(1, round(_TIME * rate))
-    # the mean of what is at least the depth within three widths is nowhere below it
-    most = maximum_filter1d(depth, 2 * 3 * width + 1, mode="nearest")
-    lift = gaussian_filter1d(most, width, truncate=3.0, mode="nearest")
-    up = np.stack((np.zeros_like(lift), lift, np.zeros_like(lift)), -1)
-    return replace(motion, translation=motion.translation + torch.tensor(up).to(motion.translation))
-
-
-def grounded(actor: Actor, motion: Motion) -> Motion:
-    """The motion moved along y so that its feet touch y = 0 at their lowest, (F,).
-
-    For clips in which feet stand on no floor that is found: simulators have theirs there.
-    """
-    lowest = _lowest(actor, motion).min()
-    if not torch.isfinite(lowest):
-        return motion
-    up = motion.translation.new_tensor([0.0, 1.0, 0.0])
-    return replace(motion, translation=motion.translation - lowest * up)
-
-
-def _lowest(actor: Actor, motion: Motion) -> Tensor:
-    """Height of the lowest vertex of the feet, (F,), metres."""
-    rig = actor.skeleton.rig
-    feet = {rig.landmark_joints[rig.landmarks.index(f"{side}_toe")] for side in "lr"}
-    for joint, parent in enumerate(rig.parents):
-        feet |= {joint} if parent in feet else set()
-    rotation, translation = actor.joint_transforms(motion)
-    owner = actor.skin.rows()[2]
-    lowest = motion.angles.new_full((motion.frames,), torch.inf)
-    for joint in sorted(feet):
-        vertices = actor.vertices[owner == joint].to(rotation)
-        if len(vertices):
-            heights = (
-                vertices @ rotation[:, joint, 1, :, None] + translation[:, joint, 1, None, None]
-            )
-            lowest = torch.minimum(lowest, heights.amin((-2, -1)))
-    return lowest

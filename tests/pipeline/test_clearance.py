@@ -9,7 +9,7 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.io.robot import load_robot
-from perfcap.pipeline.retargeting import above_floor, grounded
+from perfcap.pipeline.robot_feet import above_floor, grounded
 
 F64 = torch.float64
 FRAMES = 40

@@ -18,7 +18,8 @@ import perfcap
 from perfcap.pipeline.joint_motion import JointMotion
 from perfcap.pipeline.keep_apart import ApartConfig, keep_apart
 from perfcap.pipeline.pose_refiner import PoseRefiner
-from perfcap.pipeline.retargeting import above_floor, retarget
+from perfcap.pipeline.retargeting import retarget
+from perfcap.pipeline.robot_feet import above_floor
 
 HERE, THERE = (torch.zeros(0, dtype=torch.float64, device=each) for each in ("cpu", CARD))
 SEVERAL = make_take(10, views=3, lifted=False)
