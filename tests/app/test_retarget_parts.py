@@ -34,6 +34,26 @@ def test_a_part_is_a_part_of_the_whole(
     assert len(away) >= 100 and away.mean() < ALIKE
 
 
+@pytest.mark.long
+def test_a_part_of_a_result_or_of_its_model_is_one_too(tmp_path: Path, perfcap: Command) -> None:
+    sits = RECORDED / "01_08.bvh"
+    first = tmp_path / "first"
+    assert (
+        perfcap(["retarget", sits, "--actor", "sam", "--frames", "1:1500", "--out", first]).code
+        == 0
+    )
+    whole = _joints(read_result(first))
+    for source, frames, begun in (
+        (first, "1201:1301", 1200),
+        (first / "capture.glb", "1200:1300", 1200),
+    ):
+        command = ["retarget", source, "--actor", "sam", "--frames", frames, "--overwrite"]
+        assert perfcap([*command, "--out", tmp_path / "part"]).code == 0
+        part = _joints(read_result(tmp_path / "part"))
+        away = np.linalg.norm(whole[begun : begun + 100] - part, axis=-1)
+        assert len(part) == 100 and away.mean() < ALIKE
+
+
 def _joints(result: Result) -> NDArray[np.float64]:
     moved, rest = result.bone_transforms, result.template.bone_rest[:, :3, 3]
     places: NDArray[np.float64] = (moved[..., :3, :3] @ rest[..., None])[..., 0]
